@@ -78,7 +78,9 @@ pub(crate) struct Render {
     /// a point that moves keeps its colour. Where nothing is warped it is the surface itself. `flow` draws where each pixel goes until
     /// the next frame, by the motion of the camera and of what it shows, on the colour wheel of Middlebury (right red, down yellow, left
     /// cyan, up violet; white stands still, black is not known), with one scale for the whole path, which is said at the end. There is
-    /// none of the last frame. A system that neither warps points nor has scene flow shows the flow of the camera alone, and says so.
+    /// none of the last frame. Beside each of its pictures the flow itself is written, `flow_0000.flo` (Middlebury's form: pixels, x
+    /// right, y down; `1e10` where it is not known). A system that neither warps points nor has scene flow shows the flow of the camera
+    /// alone, and says so.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "colour", value_name = "LAYER,…")]
     pub(crate) layers: Vec<Layer>,
     /// Scale pictures down to this longest side

@@ -1,4 +1,4 @@
-//! The layers of the frames of a path: as pictures, and what their colours mean.
+//! The layers of the frames of a path: as pictures, and what their colours mean. Flow also as it is, in files of Middlebury's form.
 
 use crate::cli::{Layer, Render};
 use crate::show::line;
@@ -8,6 +8,7 @@ use engine::output::Disk;
 use engine::picture::{self, write_png};
 use engine::render::Rendered;
 use image::RgbImage;
+use scene_io::{Flow, write_flo};
 use std::borrow::Cow;
 
 /// Names of the files of each layer.
@@ -34,9 +35,15 @@ pub(super) struct Drawn<'a> {
     view: &'a Rendered,
     colour: RgbImage,
     /// `None` where it is not asked for, and of the last frame.
-    flow: Option<RgbImage>,
+    flow: Option<DrawnFlow>,
     depth: [f32; 2],
     bounds: [[f64; 3]; 2],
+}
+
+/// Flow to the next frame.
+struct DrawnFlow {
+    flow: Flow,
+    picture: RgbImage,
 }
 
 impl<'a> Scales<'a> {
@@ -50,7 +57,10 @@ impl<'a> Scales<'a> {
             let [near, far] = picture::depth_range(&[view]);
             [near * 0.8, far * 1.25]
         });
-        let flow = self.flow.as_ref().and_then(|flow| flow.picture(i, view));
+        let flow = self.flow.as_ref().and_then(|path| {
+            let flow = path.flow(i, view)?;
+            Some(DrawnFlow { picture: path.picture(&flow), flow })
+        });
         Drawn { view, colour: picture::colour(view), flow, depth, bounds: self.bounds }
     }
 
@@ -78,7 +88,7 @@ impl Drawn<'_> {
             Layer::Opacity => Cow::Owned(picture::opacity(self.view)),
             Layer::Normals => Cow::Owned(picture::normals(self.view)),
             Layer::Canonical => Cow::Owned(picture::canonical(self.view, self.bounds)),
-            Layer::Flow => Cow::Borrowed(self.flow.as_ref()?),
+            Layer::Flow => Cow::Borrowed(&self.flow.as_ref()?.picture),
         })
     }
 
@@ -87,6 +97,9 @@ impl Drawn<'_> {
         for (layer, name) in NAMES.into_iter().filter(|(layer, _)| args.layers.contains(layer)) {
             if let Some(picture) = self.picture(layer) {
                 write_png(&Disk, &args.out.join(format!("{name}_{i:04}.png")), &picture)?;
+            }
+            if let (Layer::Flow, Some(DrawnFlow { flow, .. })) = (layer, &self.flow) {
+                write_flo(&args.out.join(format!("{name}_{i:04}.flo")), flow)?;
             }
         }
         Ok(())

@@ -31,8 +31,9 @@ pub(crate) struct Header {
     pub(crate) step: u32,
     /// Milliseconds to draw and encode it, `f32`.
     pub(crate) ms: f32,
-    /// Depths that are drawn brightest and darkest, world units, two `f32`; 0 in other layers.
-    pub(crate) depths: [f32; 2],
+    /// Depths that are drawn brightest and darkest, world units; of flow 0 and the length of the fullest colour, pixels of the best
+    /// picture; 0 in other layers. Two `f32`.
+    pub(crate) range: [f32; 2],
     /// Columns and rows, two `u16`.
     pub(crate) size: (u16, u16),
     /// One byte.
@@ -50,8 +51,8 @@ impl Header {
         out.extend(self.id.to_le_bytes());
         out.extend(self.step.to_le_bytes());
         out.extend(self.ms.to_le_bytes());
-        out.extend(self.depths[0].to_le_bytes());
-        out.extend(self.depths[1].to_le_bytes());
+        out.extend(self.range[0].to_le_bytes());
+        out.extend(self.range[1].to_le_bytes());
         out.extend(self.size.0.to_le_bytes());
         out.extend(self.size.1.to_le_bytes());
         out.extend([self.quality as u8, self.drawer as u8, 0, 0]);
@@ -70,7 +71,7 @@ mod tests {
             id: 1,
             step: 300,
             ms: 2.5,
-            depths: [1.0, 4.0],
+            range: [1.0, 4.0],
             size: (640, 480),
             quality: Quality::Full,
             drawer: Drawer::Both,

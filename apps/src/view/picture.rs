@@ -6,12 +6,14 @@ use super::pace::{Pace, scaled};
 use super::protocol::{Draw, LARGEST_PICTURE, Layer};
 use super::scene::Scene3d;
 use super::turn::{SMALL, turn};
+use engine::flow::{Shot, coloured as flow_picture, flow_in_place, full_length};
 use engine::memory::frames as frame_memory;
 use engine::picture::{self, png_bytes};
 use engine::render::{Rendered, plain_query};
 use engine::system::{Canonical, LayerRequest, Layers, Median, Normals, Query};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
+use render_core::camera::Camera;
 use scene_io::Size;
 use std::time::{Duration, Instant};
 use systems::splats::Cloud;
@@ -22,8 +24,11 @@ const ERROR_BUDGET: f32 = 1.0 / 255.0;
 /// JPEG quality while things move, and between. What rests comes as PNG, without loss.
 const JPEG_QUALITY: u8 = 85;
 
-/// How much of a new range of depths goes into the one drawn: a scale that follows each picture is unquiet.
-const DEPTH_SHARE: f32 = 0.25;
+/// How much of a new range of depths or flow goes into the one drawn: a scale that follows each picture is unquiet.
+const RANGE_SHARE: f32 = 0.25;
+
+/// Length of the fullest colour while nothing has moved yet, pixels.
+const STILL_LENGTH: f32 = 1.0;
 
 /// Time between two pictures that are not finished.
 const PART_EVERY: Duration = Duration::from_millis(350);
@@ -34,6 +39,8 @@ pub(crate) struct Painter {
     /// Of the scene itself, and of the cloud that stands for it.
     paces: [[Pace; Layer::COUNT]; 2],
     depths: Option<[f32; 2]>,
+    /// Length of flow with the fullest colour, pixels of the best picture.
+    flow_length: Option<f32>,
 }
 
 /// A picture and the message that holds it.
@@ -69,7 +76,7 @@ impl Painter {
         let (camera, query) = (draw.eye.camera(size), query(scene, draw));
         fits(size, &query)?;
         let Some(view) = scene.draw(&camera, &query, &mut |_| go_on()) else { return Ok(None) };
-        let picture = self.coloured(scene, draw.layer, &view);
+        let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
         let message = self.message(scene, draw, &picture, quality, Drawer::Scene, clock)?;
         self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
         Ok(Some(message))
@@ -93,7 +100,7 @@ impl Painter {
         let (camera, query) = (draw.eye.camera(size), query(scene, draw));
         fits(size, &query)?;
         let view = cloud.render(&camera, &query).map_err(|e| e.to_string())?;
-        let picture = self.coloured(scene, draw.layer, &view);
+        let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
         let message = self.message(scene, draw, &picture, quality, Drawer::Cloud, clock)?;
         self.pace(draw, Drawer::Cloud).measured(size, clock.elapsed().as_secs_f64());
         Ok(Some(Sketch { picture, message }))
@@ -118,22 +125,16 @@ impl Painter {
         let (camera, query) = (draw.eye.camera(size), query(scene, draw));
         fits(size, &query)?;
         let mut sent = Instant::now();
-        let range = self.depths;
+        let (depths, range) = (self.depths, self.range(draw.layer));
         let mut part = |layers: &Layers| {
             let rows = (layers.rgb.len() / size.width.max(1) as usize) as u32;
             if rows > 0 && rows < size.height && sent.elapsed() >= PART_EVERY && out.has_room() {
                 let view = Rendered { width: size.width, height: rows, layers: layers.clone() };
                 let mut picture = below.clone();
-                image::imageops::replace(&mut picture, &coloured(scene, draw.layer, &view, range), 0, 0);
+                image::imageops::replace(&mut picture, &coloured(scene, draw.layer, &view, depths), 0, 0);
                 let seconds = clock.elapsed().as_secs_f64();
-                let depths = range.filter(|_| draw.layer == Layer::Depth).unwrap_or_default();
-                let header = header(
-                    scene,
-                    draw,
-                    Kind { depths, quality: Quality::Better, drawer: Drawer::Both },
-                    &picture,
-                    seconds,
-                );
+                let kind = Kind { range, quality: Quality::Better, drawer: Drawer::Both };
+                let header = header(scene, draw, kind, &picture, seconds);
                 sent = Instant::now();
                 if !jpeg_bytes(&picture).is_ok_and(|file| out.offer(header.before(&file))) {
                     return false;
@@ -142,7 +143,7 @@ impl Painter {
             go_on()
         };
         let Some(view) = scene.draw(&camera, &query, &mut part) else { return Ok(None) };
-        let picture = self.coloured(scene, draw.layer, &view);
+        let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
         self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
         self.message(scene, draw, &picture, Quality::Full, Drawer::Scene, clock).map(Some)
     }
@@ -157,21 +158,72 @@ impl Painter {
         clock: Instant,
     ) -> Result<Vec<u8>, String> {
         let file = if quality == Quality::Full { png_bytes(picture) } else { jpeg_bytes(picture)? };
-        let depths = self.depths.filter(|_| draw.layer == Layer::Depth).unwrap_or_default();
+        let range = self.range(draw.layer);
         let seconds = clock.elapsed().as_secs_f64();
-        Ok(header(scene, draw, Kind { depths, quality, drawer }, picture, seconds).before(&file))
+        Ok(header(scene, draw, Kind { range, quality, drawer }, picture, seconds).before(&file))
     }
 
-    /// A layer as a picture; the range of depths follows slowly.
-    fn coloured(&mut self, scene: &dyn Scene3d, layer: Layer, view: &Rendered) -> RgbImage {
-        if layer == Layer::Depth {
-            let [near, far] = picture::depth_range(&[view]);
-            let old = self.depths.unwrap_or([near, far]);
-            let mix = |old: f32, new: f32| old + DEPTH_SHARE * (new - old);
-            self.depths = Some([mix(old[0], near), mix(old[1], far)]);
+    /// What the colours of a layer reach from and to; zero where they have no scale.
+    fn range(&self, layer: Layer) -> [f32; 2] {
+        match layer {
+            Layer::Depth => self.depths.unwrap_or_default(),
+            Layer::Flow => [0.0, self.flow_length.unwrap_or(STILL_LENGTH)],
+            _ => [0.0; 2],
         }
-        coloured(scene, layer, view, self.depths)
     }
+
+    /// A layer of what `camera` sees as a picture; the range of depths and of flow follows slowly. `None` when `go_on` said no.
+    ///
+    /// # Errors
+    /// A sentence for the person: the scene does not have the layer.
+    fn coloured(
+        &mut self,
+        scene: &dyn Scene3d,
+        draw: &Draw,
+        camera: &Camera,
+        view: &Rendered,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Option<RgbImage>, String> {
+        match draw.layer {
+            Layer::Flow => return self.flow(scene, draw, camera, view, go_on),
+            Layer::Depth => {
+                let [near, far] = picture::depth_range(&[view]);
+                let old = self.depths.unwrap_or([near, far]);
+                self.depths = Some([followed(old[0], near), followed(old[1], far)]);
+            }
+            _ => {}
+        }
+        Ok(Some(coloured(scene, draw.layer, view, self.depths)))
+    }
+
+    /// Where what `camera` sees goes until the next frame, as colours.
+    fn flow(
+        &mut self,
+        scene: &dyn Scene3d,
+        draw: &Draw,
+        camera: &Camera,
+        view: &Rendered,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Option<RgbImage>, String> {
+        let Some(system) = scene.flow_system() else {
+            return Err("the scene has no layer `flow`: nothing in it says where points go".into());
+        };
+        let here = Shot { camera, time: draw.time };
+        let Some(flow) = flow_in_place(system, view, here, go_on) else { return Ok(None) };
+        // What goes as far in a small picture as in a large one has the same colour in both.
+        let scale = f64::from(draw.full_size().width) / f64::from(view.width.max(1));
+        if let Some(length) = full_length(&flow, scale) {
+            let length = length as f32;
+            self.flow_length = Some(self.flow_length.map_or(length, |old| followed(old, length)));
+        }
+        let [_, full] = self.range(Layer::Flow);
+        Ok(Some(flow_picture(&flow, f64::from(full) / scale)))
+    }
+}
+
+/// The end of a range that follows slowly.
+fn followed(old: f32, new: f32) -> f32 {
+    old + RANGE_SHARE * (new - old)
 }
 
 /// Refuses a picture that the machine has no memory for.
@@ -185,7 +237,8 @@ fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[
         Layer::Opacity => picture::opacity(view),
         Layer::Normals => picture::normals(view),
         Layer::Canonical => picture::canonical(view, scene.bounds()),
-        Layer::Colour | Layer::Photo | Layer::Mask | Layer::Uncertainty => picture::colour(view),
+        // Flow needs a camera and a time; no cloud has it, so that it is never drawn over one.
+        Layer::Colour | Layer::Flow | Layer::Photo | Layer::Mask | Layer::Uncertainty => picture::colour(view),
     }
 }
 
@@ -218,7 +271,7 @@ pub(crate) fn photo(scene: &dyn Scene3d, draw: &Draw) -> Result<Vec<u8>, String>
     }
     let file = png_bytes(&picture);
     let seconds = clock.elapsed().as_secs_f64();
-    Ok(header(scene, draw, Kind { depths: [0.0; 2], quality: Quality::Full, drawer: Drawer::Scene }, &picture, seconds)
+    Ok(header(scene, draw, Kind { range: [0.0; 2], quality: Quality::Full, drawer: Drawer::Scene }, &picture, seconds)
         .before(&file))
 }
 
@@ -236,8 +289,10 @@ pub(crate) fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
     let normals = if draw.layer == Layer::Normals { Normals::Compute } else { Normals::Skip };
     let canonical = if draw.layer == Layer::Canonical { Canonical::Compute } else { Canonical::Skip };
     let background = draw.background.unwrap_or_else(|| scene.background());
+    // Flow is that of one surface, not of a mean over an edge.
+    let median = if draw.layer == Layer::Flow { Median::Compute } else { Median::Skip };
     Query {
-        layers: LayerRequest { normals, canonical, median: Median::Skip },
+        layers: LayerRequest { normals, canonical, median },
         appearance: scene.appearance(&draw.appearance),
         time: draw.time,
         ..plain_query(background, ERROR_BUDGET)
@@ -246,18 +301,18 @@ pub(crate) fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
 
 /// What a header says of a picture besides its size and when it was made.
 struct Kind {
-    /// Range of a picture of depths, zero otherwise.
-    depths: [f32; 2],
+    /// See [`Header::range`].
+    range: [f32; 2],
     quality: Quality,
     drawer: Drawer,
 }
 
 fn header(scene: &dyn Scene3d, draw: &Draw, kind: Kind, picture: &RgbImage, seconds: f64) -> Header {
-    let Kind { depths, quality, drawer } = kind;
+    let Kind { range, quality, drawer } = kind;
     let side = |n: u32| u16::try_from(n).unwrap_or(u16::MAX);
     let size = (side(picture.width()), side(picture.height()));
     let step = u32::try_from(scene.step()).unwrap_or(u32::MAX);
-    Header { id: draw.id, step, ms: (seconds * 1e3) as f32, depths, size, quality, drawer }
+    Header { id: draw.id, step, ms: (seconds * 1e3) as f32, range, size, quality, drawer }
 }
 
 fn jpeg_bytes(picture: &RgbImage) -> Result<Vec<u8>, String> {

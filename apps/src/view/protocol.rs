@@ -106,6 +106,8 @@ pub(crate) enum Layer {
     Opacity,
     Normals,
     Canonical,
+    /// Where what is seen goes until the next frame, the camera staying where it is.
+    Flow,
     /// A photo of the scene, as it was taken.
     Photo,
     /// What of a photo shows the place itself, as the system sees it.
@@ -115,7 +117,7 @@ pub(crate) enum Layer {
 }
 
 impl Layer {
-    pub(crate) const COUNT: usize = 8;
+    pub(crate) const COUNT: usize = 9;
 
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -124,6 +126,7 @@ impl Layer {
             Self::Opacity => "opacity",
             Self::Normals => "normals",
             Self::Canonical => "canonical",
+            Self::Flow => "flow",
             Self::Photo => "photo",
             Self::Mask => "mask",
             Self::Uncertainty => "uncertainty",
@@ -263,6 +266,14 @@ mod tests {
         let Ok(Message::Draw(draw)) = parse(short) else { panic!("{:?}", parse(short)) };
         assert_eq!((draw.full_size(), draw.photo, draw.background), (Size::new(80, 60), Some(2), None));
         assert!(matches!(parse(r#"{"type": "pick", "id": 1, EYE, "at": [0, 1]}"#), Ok(Message::Pick(_))));
+        // The words of layers are those that scenes are described with.
+        let all = ["colour", "depth", "opacity", "normals", "canonical", "flow", "photo", "mask", "uncertainty"];
+        assert_eq!(all.len(), Layer::COUNT);
+        for (i, word) in all.into_iter().enumerate() {
+            let text = format!(r#"{{"type": "draw", "id": 7, EYE, "layer": "{word}", "limit": 40}}"#);
+            let Ok(Message::Draw(draw)) = parse(&text) else { panic!("{:?}", parse(&text)) };
+            assert_eq!((draw.layer as usize, draw.layer.name()), (i, word));
+        }
     }
 
     #[test]

@@ -11,7 +11,7 @@ use engine::options::{RunConfig, RunOptions};
 use engine::picture::over_background;
 use engine::render::{Rendered, render};
 use engine::run::Run;
-use engine::system::{Appearance, Layers, Query, System, SystemError};
+use engine::system::{Appearance, FlowSource, Layers, Query, System, SystemError};
 use glam::DVec3;
 use image::RgbImage;
 use render_core::camera::{Camera, Pose};
@@ -135,6 +135,7 @@ impl Scene3d for RunScene {
             (Layer::Normals, true),
             (Layer::Opacity, true),
             (Layer::Canonical, moves),
+            (Layer::Flow, self.flow_system().is_some()),
             (Layer::Photo, true),
         ];
         let poses: Vec<Pose> = train.views().iter().map(|v| v.camera.pose).collect();
@@ -238,6 +239,12 @@ impl Scene3d for RunScene {
 
     fn bounds(&self) -> [[f64; 3]; 2] {
         self.system.bounds()
+    }
+
+    fn flow_system(&self) -> Option<&dyn System> {
+        let system = self.system.as_ref();
+        let moves = self.common.train.time_steps() > 1;
+        (moves && system.flow_source() != FlowSource::Nothing).then_some(system)
     }
 }
 

@@ -4,7 +4,7 @@ use super::cropped::Cropped;
 use super::protocol::{AppearanceMix, Layer};
 use engine::crop::Crop;
 use engine::render::Rendered;
-use engine::system::{Appearance, Layers, Query};
+use engine::system::{Appearance, Layers, Query, System};
 use glam::DQuat;
 use image::RgbImage;
 use render_core::camera::Camera;
@@ -58,6 +58,11 @@ pub(crate) trait Scene3d: Send + Sync {
 
     /// The box `[min, max]` that canonical points are drawn in, world units.
     fn bounds(&self) -> [[f64; 3]; 2];
+
+    /// Who says where points go in time (`Layer::Flow`); `None` where nothing moves, or nobody says.
+    fn flow_system(&self) -> Option<&dyn System> {
+        None
+    }
 }
 
 /// What the page needs to know of a scene.

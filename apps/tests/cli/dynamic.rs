@@ -42,6 +42,22 @@ fn json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
+/// Flow of frame `i` of 24 x 24 pixels, row by row, `None` where it is not known: the file, which knows it where the picture has a colour.
+fn flow_of_frame(pictures: &Path, i: usize) -> Vec<Option<[f32; 2]>> {
+    let bytes = fs::read(pictures.join(format!("flow_{i:04}.flo"))).unwrap();
+    assert!(bytes.starts_with(b"PIEH") && bytes.len() == 12 + 8 * 24 * 24, "{} bytes", bytes.len());
+    let number = |at: usize| -> [u8; 4] { bytes[at..at + 4].try_into().unwrap() };
+    assert_eq!([4, 8].map(|at| i32::from_le_bytes(number(at))), [24, 24]);
+    let vector = |k: usize| [0, 4].map(|at| f32::from_le_bytes(number(12 + 8 * k + at)));
+    let known = |vector: [f32; 2]| vector.iter().all(|x| x.abs() <= 1e9).then_some(vector);
+    let flow: Vec<Option<[f32; 2]>> = (0..24 * 24).map(|k| known(vector(k))).collect();
+    let picture = image::open(pictures.join(format!("flow_{i:04}.png"))).unwrap().into_rgb8();
+    for (k, (pixel, flow)) in picture.pixels().zip(&flow).enumerate() {
+        assert_eq!(flow.is_some(), pixel.0 != [0; 3], "pixel {k} of frame {i}: {flow:?}, {pixel:?}");
+    }
+    flow
+}
+
 #[test]
 fn time_is_a_word_of_nerf_dynamic_alone() {
     for word in ["render", "export"] {
@@ -130,6 +146,8 @@ fn photos_of_a_film_are_shown_in_the_appearance_that_is_asked_for() {
     assert_eq!(answer.code, 0, "{}", answer.err);
     assert!(answer.out.contains("flow is drawn ") && !answer.out.contains("the camera alone"), "{}", answer.out);
     assert!(pictures.join("flow_0001.png").exists() && !pictures.join("flow_0002.png").exists(), "{}", answer.out);
+    assert_eq!([0, 1].map(|i| flow_of_frame(&pictures, i).len()), [24 * 24; 2]);
+    assert!(!pictures.join("flow_0002.flo").exists());
 }
 
 #[test]
@@ -223,6 +241,10 @@ fn a_video_is_trained_measured_rendered_and_exported() {
     assert_eq!([0, 1, 2].map(|i| flow(i).exists()), [true, true, false]);
     let picture = image::open(flow(0)).unwrap().into_rgb8();
     assert!(picture.pixels().all(|p| p.0 == [255; 3] || p.0 == [0; 3]), "white, and black where nothing is seen");
+    for vector in [0, 1].into_iter().flat_map(|i| flow_of_frame(&pictures, i)).flatten() {
+        assert!(vector.iter().all(|x| x.abs() < 0.01), "{vector:?}");
+    }
+    assert!(!pictures.join("flow_0002.flo").exists());
     let answer = render(&["--path", "hold:test/r_000", "--time", "0.5", "--layers", "flow"]);
     assert!(answer.code == 1 && error_line(&answer).contains("the path has one frame only"), "{}", answer.err);
 

@@ -153,6 +153,7 @@ fn nonsense_gets_an_answer_and_the_server_lives() {
         (json!({ "layer": "photo" }), "`photo` is missing"),
         (json!({ "layer": "photo", "photo": 99 }), "`photo` = 99: there are 8"),
         (json!({ "layer": "mask", "photo": 0 }), "has no layer `mask`"),
+        (json!({ "layer": "flow" }), "has no layer `flow`"),
         (json!({ "layer": "uncertainty", "photo": 0 }), "has no layer `uncertainty`"),
         (json!({ "layer": "mask", "photo": 7 }), "held out"),
     ] {
@@ -228,22 +229,40 @@ fn a_scene_that_moves_is_seen_at_any_time() {
     let (scene, run) = (folder.path().join("scene"), folder.path().join("run"));
     let options = OrbitOptions { width: 24, height: 24, train: 8, test: 2, rays: 1, ..OrbitOptions::default() };
     write_orbit(&options, &scene).unwrap();
-    let narrow = ["--set", "warp_width=16", "--set", "warp_depth=2"];
-    let words = ["train", text(&scene), "--out", text(&run), "--progress", "off", "--steps", "30"];
-    let answer = nerf_dynamic(&[&words[..], &SMALL, &narrow].concat());
-    assert_eq!(answer.code, 0, "{}", answer.err);
+    let train = |run: &Path, more: &[&str]| {
+        let words = ["train", text(&scene), "--out", text(run), "--progress", "off", "--set", "warp_width=16"];
+        let answer = nerf_dynamic(&[&words[..], &SMALL, more].concat());
+        assert_eq!(answer.code, 0, "{}", answer.err);
+    };
+    train(&run, &["--set", "warp_depth=2", "--steps", "30"]);
     let viewer = Viewer::start("nerf-dynamic", &run);
     let mut live = viewer.connect();
-    let scene = live.hear("scene");
-    assert!(scene["moves"] == true && scene["layers"].as_array().unwrap().contains(&json!("canonical")), "{scene}");
+    let shown = live.hear("scene");
+    let has = |scene: &Value, layer: &str| scene["layers"].as_array().unwrap().contains(&json!(layer));
+    assert!(shown["moves"] == true && has(&shown, "canonical") && has(&shown, "flow"), "{shown}");
     let at = |live: &mut crate::viewing::Live, more: Value| {
-        let id = live.ask(&scene["photos"][0], more);
+        let id = live.ask(&shown["photos"][0], more);
         live.best(id).file
     };
     let start = at(&mut live, json!({ "time": 0.0 }));
     assert_ne!(start, at(&mut live, json!({ "time": 1.0 })));
     assert_eq!(start, at(&mut live, json!({ "time": 0.0 })));
     assert_ne!(start, at(&mut live, json!({ "time": 0.0, "layer": "canonical" })));
+    // Also of the last time, after which there is none.
+    for time in [0.0, 1.0] {
+        assert_ne!(start, at(&mut live, json!({ "time": time, "layer": "flow" })));
+    }
+
+    // Who moves no point has no flow to show.
+    let still = folder.path().join("still");
+    train(&still, &["--system", "t-nerf", "--steps", "2"]);
+    let viewer = Viewer::start("nerf-dynamic", &still);
+    let mut live = viewer.connect();
+    let shown = live.hear("scene");
+    assert!(shown["moves"] == true && has(&shown, "canonical") && !has(&shown, "flow"), "{shown}");
+    live.ask(&shown["photos"][0], json!({ "layer": "flow" }));
+    let word = live.hear("error");
+    assert!(word["message"].as_str().unwrap().contains("has no layer `flow`"), "{word}");
 }
 
 #[test]

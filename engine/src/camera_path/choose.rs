@@ -17,7 +17,7 @@ use render_core::path::Ends;
 use scene_io::{LayoutHint, Scene};
 
 /// Frames of a path where nothing is said.
-const FRAMES: usize = 60;
+pub const FRAMES: usize = 60;
 
 /// The frames of a path, with what photos saw of each.
 #[derive(Clone, Debug)]

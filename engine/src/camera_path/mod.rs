@@ -21,7 +21,7 @@ mod sight;
 mod spiral;
 mod stretch;
 
-pub use choose::{Film, cameras, film};
+pub use choose::{FRAMES, Film, cameras, film};
 pub use file::from_file;
 pub(crate) use file::read;
 pub use sight::{Draw, SEEN_FILE, Sight, coverage_csv, coverage_line};

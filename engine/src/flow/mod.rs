@@ -9,7 +9,10 @@
 //! It is known where something is seen, where it is known where that goes, and where the next camera has it in front of it: also
 //! beyond the borders of the next frame, and behind what hides it there.
 
+mod layer;
 mod wheel;
+
+pub use layer::{coloured, flow_in_place, full_length, usual_step, whole_flow};
 
 use crate::camera_path::Draw;
 use crate::error::RunError;
@@ -18,23 +21,18 @@ use crate::render::Rendered;
 use crate::system::{FlowSource, System};
 use crate::time_path::TimePath;
 use glam::{DVec2, DVec3};
-use image::{Rgb, RgbImage};
+use image::RgbImage;
+use layer::length_of_most;
 use render_core::camera::Camera;
 use render_core::induced_flow::{Coordinates, flow_of_point};
+use scene_io::Flow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use wheel::colour;
 
 /// Pixels of one call to [`System::scene_flow`]: enough work for many threads, little memory.
 const STRIP: usize = 1 << 14;
 /// Longest side of the small pictures that tell how long flow is, pixels, and how many of them there are at most.
 const SIDE: u32 = 64;
 const PICTURES: usize = 32;
-/// What is shorter than so many pixels stands still.
-const STILL: f64 = 0.1;
-/// Share of what moves in the small pictures that the length of the fullest colour is taken from: the rest may be seen from so near that
-/// all else would be pale beside it. And room above that: frames hold more pixels.
-const SHARE: f64 = 0.98;
-const ROOM: f64 = 1.05;
 
 /// A camera at a time.
 #[derive(Clone, Copy, Debug)]
@@ -46,7 +44,8 @@ pub struct Shot<'a> {
 }
 
 /// Optical flow of what `view` shows, which is the picture of `here`, to the picture of `next`: `each` is called once for each pixel that
-/// shows something, row by row, with its number and its flow, pixels, x to the right, y down; `None` where that is not known.
+/// shows something, row by row, with its number and its flow, pixels, x to the right, y down; `None` where that is not known. False where
+/// it ended early, as soon as `go_on` said no, which is asked now and then.
 ///
 /// # Panics
 /// If `view` has another size than the camera, or lacks depths.
@@ -55,8 +54,9 @@ pub fn each_flow(
     view: &Rendered,
     here: Shot<'_>,
     next: Shot<'_>,
+    go_on: &dyn Fn() -> bool,
     mut each: impl FnMut(usize, Option<DVec2>),
-) {
+) -> bool {
     let (width, height) = (here.camera.width, here.camera.height);
     assert_eq!((view.width, view.height), (width, height), "a picture is as large as its camera's");
     let (from, to) = (here.camera.prepare(), next.camera.prepare());
@@ -69,6 +69,9 @@ pub fn each_flow(
     };
     let pixels = width * height;
     for first in (0..pixels).step_by(STRIP) {
+        if !go_on() {
+            return false;
+        }
         let hits: Vec<(usize, DVec2, [f64; 3])> = (first..pixels.min(first + STRIP)).filter_map(shown).collect();
         let points: Vec<[f64; 3]> = hits.iter().map(|hit| hit.2).collect();
         let mut ways = vec![None; points.len()];
@@ -78,6 +81,7 @@ pub fn each_flow(
             each(i, there.and_then(|there| flow_of_point(there, Coordinates::World, &to, 0.0, pixel)));
         }
     }
+    true
 }
 
 /// The layer of flow of all frames of a path, but of the last one, which nothing follows.
@@ -124,9 +128,10 @@ impl<'a> FlowPath<'a> {
     fn length_of_most(&self, draw: &Draw<'_>, stop: &AtomicBool) -> Result<f64, RunError> {
         let pairs = self.cameras.len() - 1;
         let pictures = pairs.min(PICTURES);
+        let go_on = || !stop.load(Ordering::Relaxed);
         let mut lengths = Vec::new();
         for frame in (0..pictures).map(|k| k * pairs / pictures) {
-            if stop.load(Ordering::Relaxed) {
+            if !go_on() {
                 break;
             }
             let (Some(here), Some(next)) = (self.shot(frame), self.shot(frame + 1)) else { continue };
@@ -134,31 +139,29 @@ impl<'a> FlowPath<'a> {
             let scale = f64::from(here.camera.width) / f64::from(small.width);
             let view = draw(&small, here.time)?;
             let (here, next) = (Shot { camera: &small, ..here }, Shot { camera: &small_next, ..next });
-            each_flow(self.system, &view, here, next, |_, flow| {
-                lengths.extend(flow.map(|flow| scale * flow.length()).filter(|length| *length > STILL));
+            each_flow(self.system, &view, here, next, &go_on, |_, flow| {
+                lengths.extend(flow.map(|flow| scale * flow.length()));
             });
         }
-        lengths.sort_by(f64::total_cmp);
-        let last = lengths.len().saturating_sub(1);
-        Ok(lengths.get((SHARE * last as f64).round() as usize).map_or(1.0, |length| ROOM * length))
+        Ok(length_of_most(lengths).unwrap_or(1.0))
     }
 
-    /// Flow of a frame, whose picture is `view`, as colours of the wheel of Middlebury; black where it is not known. `None` for the last
-    /// frame.
+    /// Flow of a frame, whose picture is `view`, to the next one. `None` for the last frame.
     ///
     /// # Panics
     /// As [`each_flow`].
     #[must_use]
-    pub fn picture(&self, frame: usize, view: &Rendered) -> Option<RgbImage> {
-        let (here, next) = (self.shot(frame)?, self.shot(frame + 1)?);
-        let mut out = RgbImage::new(view.width, view.height);
-        each_flow(self.system, view, here, next, |i, flow| {
-            if let Some(flow) = flow {
-                let (x, y) = (i as u32 % view.width, i as u32 / view.width);
-                out.put_pixel(x, y, Rgb(colour(flow.as_vec2().to_array(), self.full as f32)));
-            }
-        });
-        Some(out)
+    pub fn flow(&self, frame: usize, view: &Rendered) -> Option<Flow> {
+        whole_flow(self.system, view, self.shot(frame)?, self.shot(frame + 1)?, &|| true)
+    }
+
+    /// Flow of a frame as colours, which have one scale for all of the path: see [`coloured`].
+    ///
+    /// # Panics
+    /// If the flow does not hold what its size says.
+    #[must_use]
+    pub fn picture(&self, flow: &Flow) -> RgbImage {
+        coloured(flow, self.full)
     }
 
     /// What its colours mean, for people; and what it lacks.

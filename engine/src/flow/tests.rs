@@ -97,11 +97,11 @@ fn plane(camera: &Camera) -> Rendered {
 fn flows(system: &Moving, here: &Camera, next: &Camera, times: [f64; 2]) -> Vec<(DVec2, Option<DVec2>)> {
     let [here, next] = [Shot { camera: here, time: times[0] }, Shot { camera: next, time: times[1] }];
     let mut out = Vec::new();
-    each_flow(system, &plane(here.camera), here, next, |i, flow| {
+    let is_whole = each_flow(system, &plane(here.camera), here, next, &|| true, |i, flow| {
         let pixel = DVec2::new((i % 20) as f64 + 0.5, (i / 20) as f64 + 0.5);
         out.push((pixel - DVec2::new(10.0, 8.0), flow));
     });
-    assert_eq!(out.len(), 20 * 16);
+    assert!(is_whole && out.len() == 20 * 16, "{}", out.len());
     out
 }
 
@@ -155,8 +155,41 @@ fn flow_is_not_known_where_nothing_is_seen_nobody_knows_the_way_or_the_next_came
     view.layers.median_depth[7] = f32::INFINITY;
     let shot = Shot { camera: &here, time: 0.0 };
     let mut called = Vec::new();
-    each_flow(&still(), &view, shot, shot, |i, flow| called.push((i, flow.is_some())));
+    each_flow(&still(), &view, shot, shot, &|| true, |i, flow| called.push((i, flow.is_some())));
     assert!(called.len() == 20 * 16 - 1 && called.iter().all(|(i, known)| *i != 7 && *known));
+}
+
+#[test]
+fn the_flow_of_a_picture_holds_that_of_each_pixel_and_ends_when_it_is_stopped() {
+    let here = camera(DVec3::ZERO, 0.0);
+    let next = camera(DVec3::new(0.2, 0.0, 0.0), 0.1);
+    // The right half of the picture is lost.
+    let half = Moving { lost: 0.0, ..Moving::by(DVec3::new(0.0, 0.5, 0.0)) };
+    let [at, then] = [Shot { camera: &here, time: 0.1 }, Shot { camera: &next, time: 0.5 }];
+    let flow = whole_flow(&half, &plane(&here), at, then, &|| true).unwrap();
+    let each = flows(&half, &here, &next, [0.1, 0.5]);
+    assert_eq!((flow.width, flow.height, flow.seen.count()), (20, 16, 10 * 16));
+    for ((vector, seen), (from_middle, want)) in flow.vectors.iter().zip(flow.seen.iter()).zip(each) {
+        let want = want.map(|flow| flow.as_vec2().to_array());
+        assert_eq!((seen, *vector), (want.is_some(), want.unwrap_or_default()), "{from_middle}");
+    }
+    assert_eq!(whole_flow(&half, &plane(&here), at, then, &|| false), None);
+    assert_eq!(flow_in_place(&half, &plane(&here), at, &|| false), None);
+}
+
+#[test]
+fn flow_in_place_goes_one_frame_on_and_at_the_end_as_it_came() {
+    let here = camera(DVec3::new(0.1, 0.0, 0.0), 0.0);
+    // A pixel down and two to the left in each of the 59 intervals.
+    let moving = Moving::by(59.0 * DEPTH / FOCAL * DVec3::new(-2.0, 1.0, 0.0));
+    assert_eq!(usual_step(), 1.0 / 59.0);
+    for time in [0.0, 0.3, 58.0 / 59.0, 0.99, 1.0] {
+        let flow = flow_in_place(&moving, &plane(&here), Shot { camera: &here, time }, &|| true).unwrap();
+        assert_eq!(flow.seen.count(), 20 * 16);
+        for [x, y] in &flow.vectors {
+            assert!((x + 2.0).abs() < 5e-3 && (y - 1.0).abs() < 5e-3, "{time}: {x} {y}");
+        }
+    }
 }
 
 #[test]
@@ -166,7 +199,8 @@ fn a_path_has_one_scale_and_its_last_frame_no_flow() {
     let path = |system: &Moving, frames: usize| -> Result<(Vec<Option<RgbImage>>, Vec<String>), RunError> {
         let cameras = vec![camera(DVec3::ZERO, 0.0); frames];
         let path = FlowPath::new(system, cameras.clone(), TimePath::WHOLE, &draw, &never)?;
-        let pictures = cameras.iter().enumerate().map(|(i, camera)| path.picture(i, &plane(camera))).collect();
+        let flow = |(i, camera): (usize, &Camera)| path.flow(i, &plane(camera));
+        let pictures = cameras.iter().enumerate().map(|frame| flow(frame).map(|flow| path.picture(&flow))).collect();
         Ok((pictures, path.lines()))
     };
     // One pixel down in all three intervals. (Not to the right: there the wheel has its seam, and the last digit says on which side.)

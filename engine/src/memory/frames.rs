@@ -15,7 +15,8 @@ const FIXED: u64 = 64 << 20;
 pub fn frame_bytes(size: Size, layers: LayerRequest) -> u64 {
     // Colour, opacity, depth, median depth: `f32`.
     let mut each = 24;
-    // Gaussians: planes of colour, depth and transmittance, middles, and what the tiles keep of each pixel.
+    // Gaussians: planes of colour, depth and transmittance, middles, and what the tiles keep of each pixel. All of it is gone before
+    // flow is made, which is less: a vector and a bit.
     each += 20 + 4 + 24;
     if layers.normals == Normals::Compute {
         // Normals, and the planes that Gaussians make them of.

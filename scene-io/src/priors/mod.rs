@@ -32,7 +32,6 @@
 //!
 //! Paths only are kept in a [`Frame`](crate::Frame); `Frame::read_*` decodes at the file's own size and checks it.
 
-mod consistency;
 mod features;
 mod flow;
 mod motion;

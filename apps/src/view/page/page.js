@@ -73,7 +73,7 @@ let decoding = 0, painted = 0;
 async function see(bytes) {
   const data = new DataView(bytes), number = ++decoding;
   const id = data.getUint32(0, true), ms = data.getFloat32(8, true), quality = data.getUint8(24), drawer = data.getUint8(25);
-  const depths = [data.getFloat32(12, true), data.getFloat32(16, true)];
+  const range = [data.getFloat32(12, true), data.getFloat32(16, true)];
   const size = [data.getUint16(20, true), data.getUint16(22, true)];
   shown = id;
   arrivals.push(performance.now());
@@ -94,7 +94,19 @@ async function see(bytes) {
   document.body.dataset.drawer = drawer;
   document.body.dataset.size = size.join("x");
   status(size, ms, quality, drawer);
-  $("layer-note").textContent = layer === "depth" && depths[1] > 0 ? `${short(depths[0])} bright … ${short(depths[1])}` : noteOfPhoto();
+  $("layer-note").textContent = noteOfLayer(range);
+}
+
+// What the colours of a layer mean, where they do not speak for themselves.
+const HINTS = {
+  flow: "Where things go until the next of 60 frames: right red, down yellow, left cyan, up violet; white stands still, black is not known",
+};
+
+// What they reach from and to.
+function noteOfLayer(range) {
+  if (layer === "depth" && range[1] > 0) return `${short(range[0])} bright … ${short(range[1])}`;
+  if (layer === "flow" && range[1] > 0) return `full at ${short(range[1])} px a frame`;
+  return noteOfPhoto();
 }
 
 function place(picture) {
@@ -166,7 +178,8 @@ function welcome(message) {
   document.body.dataset.step = scene.step;
   if (!isFirst) {
     // The server forgets us with the connection, and draws again by itself with a new checkpoint.
-    isDirty = true;
+    offerLayers();
+    changed();
     return;
   }
   eye = new Eye(scene.crop.up || scene.up, scene.radius);
@@ -180,11 +193,7 @@ function welcome(message) {
   for (const id of ["from", "to"]) $(id).replaceChildren(option("", "mean of all"), ...scene.appearances.map((name, i) => option(i, name)));
   $("appearance-section").hidden = $("its-appearance").hidden = scene.appearances.length === 0;
   $("time-section").hidden = !scene.moves;
-  $("layer").replaceChildren(...scene.layers.map((name) => {
-    const button = document.createElement("button");
-    Object.assign(button, { type: "button", value: name, textContent: name });
-    return button;
-  }));
+  offerLayers();
   const sizes = [200, 400, 800, 1200, 1600, 2400];
   $("limit").replaceChildren(...sizes.map((n) => option(n, `up to ${n} pixels`)));
   // Like the photos; pictures of a few hundred pixels look better a little larger.
@@ -193,6 +202,18 @@ function welcome(message) {
   fit();
   reset();
   if (scene.pivot_is_guess) pick(0.5, 0.5);
+}
+
+// A button for each layer. Where things go may be known of one checkpoint and not of another.
+function offerLayers() {
+  if (!scene.layers.includes(layer)) layer = "colour";
+  const offered = [...$("layer").children].map((button) => button.value);
+  if (offered.join() === scene.layers.join()) return;
+  $("layer").replaceChildren(...scene.layers.map((name) => {
+    const button = document.createElement("button");
+    Object.assign(button, { type: "button", value: name, textContent: name });
+    return button;
+  }));
 }
 
 function reset() {
@@ -239,7 +260,7 @@ function changed() {
     button.setAttribute("aria-pressed", button.value === layer);
     const judges = isJudgement(button.value);
     button.disabled = (judges || button.value === "photo") && (photo === null || (judges && scene.photos[photo].held_out));
-    button.title = button.disabled ? "At the camera of a photo only" : "";
+    button.title = button.disabled ? "At the camera of a photo only" : HINTS[button.value] || "";
   }
   const degrees = Math.round((360 / Math.PI) * Math.atan(frame[1]));
   $("fov").value = degrees;
