@@ -182,6 +182,11 @@ fn t_nerf(numbers: &Numbers<'_>, at: Sample) -> Moved {
 }
 
 fn d_nerf(numbers: &Numbers<'_>, at: Sample) -> Moved {
+    let delta = psi_t(numbers, at);
+    (unit([0, 1, 2].map(|i| at.q()[i] + delta[i])), planes(numbers.params, at))
+}
+
+fn d_nerf_tied(numbers: &Numbers<'_>, at: Sample) -> Moved {
     let (now, then) = (psi_t(numbers, at), psi_t(numbers, origin(at)));
     (unit([0, 1, 2].map(|i| at.q()[i] + now[i] - then[i])), planes(numbers.params, at))
 }
@@ -358,9 +363,10 @@ fn check_coherence(name: &str, deform: &Deform, twin: Twin, which: &[u32; 5]) {
 
 #[test]
 fn deformations_are_their_equations_and_gradients_are_those_of_differences() {
-    let all: [(&str, NewDeform, &[&str], Twin); 7] = [
+    let all: [(&str, NewDeform, &[&str], Twin); 8] = [
         ("t-nerf", t_nerf::deform, &[], t_nerf),
         ("d-nerf", d_nerf::deform, &[], d_nerf),
+        ("d-nerf, tied", d_nerf::deform, &["origin=tied"], d_nerf_tied),
         ("d-nerf as published", d_nerf::deform, &["origin=exact"], d_nerf_exact),
         ("nerfies", nerfies::deform, &[], nerfies),
         ("hypernerf", hyper_nerf::deform, &[], hyper_nerf),

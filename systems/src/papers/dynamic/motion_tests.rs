@@ -173,7 +173,7 @@ fn a_displacement_from_each_time_finds_the_motion() {
 
 #[test]
 fn a_displacement_as_published_leaves_the_first_time_where_it_likes() {
-    // One photo of 36 holds the first time, and nothing ties the others to it: why `tied` is planned.
+    // One photo of 36 holds the first time, and nothing ties the others to it: why no time is special as planned.
     let set = [&SMALL_GRID[..], &["planes_seen_by=warp", "origin=exact"]].concat();
     let (_, after, _) = trained(d_nerf::CLAIM, d_nerf::build, &set, STEPS);
     assert!(after > FOUND_BY_GRIDS, "{after}");

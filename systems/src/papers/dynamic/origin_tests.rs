@@ -1,4 +1,4 @@
-//! Time is continuous: what a system with an origin shows at `t = 0` is what it shows beside it, whatever its networks say.
+//! Time is continuous: what a system with a warp shows at `t = 0` is what it shows beside it, whatever its networks say.
 
 use super::{d_nerf, endo_nerf, hyper_nerf, nerfies};
 use crate::claims::Claim;
@@ -52,13 +52,14 @@ fn jumps(claim: Claim, build: fn(Ask<'_>) -> Built, set: &[&str]) -> [f64; 2] {
     jumps
 }
 
-/// A system with an origin, with settings that give it one where it has none by itself.
-type WithOrigin = (Claim, fn(Ask<'_>) -> Built, &'static [&'static str]);
+/// A system whose warp leads to a canonical scene, with settings that give it an origin where it has none by itself.
+type Warped = (Claim, fn(Ask<'_>) -> Built, &'static [&'static str]);
 
 #[test]
 fn what_is_shown_at_the_origin_is_what_is_shown_beside_it() {
-    let systems: [WithOrigin; 4] = [
+    let systems: [Warped; 5] = [
         (d_nerf::CLAIM, d_nerf::build, &[]),
+        (d_nerf::CLAIM, d_nerf::build, &["origin=tied"]),
         (endo_nerf::CLAIM, endo_nerf::build, &[]),
         (nerfies::CLAIM, nerfies::build, &["time_input=time", "origin=tied"]),
         (hyper_nerf::CLAIM, hyper_nerf::build, &["time_input=time", "origin=tied"]),
