@@ -1,6 +1,6 @@
 //! Marching a ray through the occupied cells.
 
-use super::{OccupancyGrid, max_abs, pow2};
+use super::{CellBits, OccupancyGrid, max_abs, pow2};
 use core::ops::ControlFlow;
 use float_core::m32;
 
@@ -76,6 +76,25 @@ impl OccupancyGrid {
         rule: &StepRule,
         jitter: f32,
         max_samples: u32,
+        visit: impl FnMut(f32, f32) -> ControlFlow<()>,
+    ) -> Marched {
+        self.march_in(&self.occupied, ray, rule, jitter, max_samples, visit)
+    }
+
+    /// [`march`](Self::march), were these cells the occupied ones: the samples are those of a march through a full grid, bit for bit,
+    /// less the ones outside of them. With a cell the coarser ones that it lies in must be among them, as [`lift`](Self::lift) adds
+    /// them: where a coarse block has none, nothing of it is looked into.
+    ///
+    /// # Panics
+    /// As [`march`](Self::march), and when the cells are of a smaller grid.
+    #[inline]
+    pub fn march_in(
+        &self,
+        cells: &CellBits,
+        ray: &RaySpan,
+        rule: &StepRule,
+        jitter: f32,
+        max_samples: u32,
         mut visit: impl FnMut(f32, f32) -> ControlFlow<()>,
     ) -> Marched {
         assert!(rule.dt_min > 0.0 && rule.dt_max >= rule.dt_min, "steps must be positive: {rule:?}");
@@ -95,7 +114,7 @@ impl OccupancyGrid {
             let (id, x) = self.locate(p, k);
             marched.lookups += 1;
             // The largest block around the cell, 1, 4 or 16 cells wide, that is known to be all empty or all full.
-            let (word, words) = (self.bits[id as usize >> 6], self.blocks[id as usize >> 12]);
+            let (word, words) = (cells.bits[id as usize >> 6], cells.blocks[id as usize >> 12]);
             let block = 2 * (u32::from(word == 0 || word == u64::MAX) + u32::from(words == 0));
             let exit = way.exit(x, block, side * pow2(k), pow2(k)).min(way.t_end);
             if word >> (id & 63) & 1 == 0 {

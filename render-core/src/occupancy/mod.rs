@@ -18,9 +18,11 @@
 //! # Source
 //! Müller et al., "Instant Neural Graphics Primitives", 2022, section 5.4 and appendix.
 
+mod cells;
 mod march;
 mod update;
 
+pub use cells::CellBits;
 pub use march::{Marched, RaySpan, StepRule};
 
 use alloc::vec;
@@ -103,10 +105,7 @@ pub struct OccupancyGrid {
     settings: GridSettings,
     /// Running maximum of each cell, negative where no camera sees it.
     thickness: Vec<f32>,
-    /// A bit a cell.
-    bits: Vec<u64>,
-    /// A bit for each word of `bits` that is not 0.
-    blocks: Vec<u64>,
+    occupied: CellBits,
     /// What each axis adds to a cell's number: `axis[x][0] + axis[y][1] + axis[z][2]`.
     axis: Vec<[u32; 3]>,
     updates: u64,
@@ -145,8 +144,7 @@ impl OccupancyGrid {
         Ok(Self {
             settings,
             thickness: vec![0.0; cells],
-            bits: vec![u64::MAX; cells / 64],
-            blocks: vec![u64::MAX; cells / 4096],
+            occupied: CellBits::new(vec![u64::MAX; cells / 64]),
             axis,
             updates: 0,
         })
@@ -185,7 +183,13 @@ impl OccupancyGrid {
     /// `[cells / 64]` the occupied cells, one bit each, lowest bit first.
     #[must_use]
     pub fn bits(&self) -> &[u64] {
-        &self.bits
+        &self.occupied.bits
+    }
+
+    /// The occupied cells.
+    #[must_use]
+    pub fn occupied_set(&self) -> &CellBits {
+        &self.occupied
     }
 
     /// Number of updates so far.
@@ -203,7 +207,7 @@ impl OccupancyGrid {
     /// Number of occupied cells.
     #[must_use]
     pub fn occupied_cells(&self) -> u64 {
-        self.bits.iter().map(|w| u64::from(w.count_ones())).sum()
+        self.occupied.count()
     }
 
     /// Number of cells that some camera sees.
@@ -215,7 +219,7 @@ impl OccupancyGrid {
     /// Bytes held.
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
-        4 * self.thickness.len() + 8 * (self.bits.len() + self.blocks.len()) + 12 * self.axis.len()
+        4 * self.thickness.len() + self.occupied.memory_bytes() + 12 * self.axis.len()
     }
 
     /// Half the side of the outermost cube, grid units: nothing outside is ever marched through.
@@ -274,12 +278,20 @@ impl OccupancyGrid {
     /// Whether a sample of length `dt` (grid units; 0 for a bare point) at `p` would be taken. Outside: no.
     #[must_use]
     pub fn occupied(&self, p: [f32; 3], dt: f32) -> bool {
+        self.holds(&self.occupied, p, dt)
+    }
+
+    /// [`occupied`](Self::occupied), were these cells the occupied ones.
+    ///
+    /// # Panics
+    /// May do so when they are of another grid.
+    #[must_use]
+    pub fn holds(&self, cells: &CellBits, p: [f32; 3], dt: f32) -> bool {
         let m = max_abs(p);
         if m.is_nan() || m > self.half_extent() {
             return false;
         }
-        let id = self.locate(p, self.cascade(p, dt)).0;
-        self.bits[id as usize / 64] >> (id % 64) & 1 == 1
+        cells.contains(self.locate(p, self.cascade(p, dt)).0)
     }
 
     fn cascade_cells(&self) -> u32 {

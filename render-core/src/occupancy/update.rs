@@ -2,6 +2,7 @@
 
 use super::{INVISIBLE, OccupancyGrid};
 use alloc::vec::Vec;
+use core::mem;
 
 impl OccupancyGrid {
     /// Take in the optical thickness measured in some cells: `G = max(decay * G, thickness)`, then all bits anew.
@@ -54,7 +55,7 @@ impl OccupancyGrid {
         let occupied = self.occupied_cells();
         let mut wanted = OccupiedPicks { next: 0, at: None, picks: quarter.min(occupied), quarter, occupied };
         let mut rank = 0_u64;
-        for (word, &bits) in self.bits.iter().enumerate() {
+        for (word, &bits) in self.bits().iter().enumerate() {
             let mut mask = 0_u64;
             for group in 0..16 {
                 let i = word as u32 * 16 + group;
@@ -89,32 +90,21 @@ impl OccupancyGrid {
 
     /// Bits from thickness.
     pub(super) fn rebuild(&mut self) {
-        let threshold = self.bit_threshold();
-        for (word, cells) in self.bits.iter_mut().zip(self.thickness.as_chunks::<64>().0) {
-            *word = cells.iter().enumerate().fold(0, |word, (i, &x)| word | u64::from(x > threshold) << i);
+        let level = self.level();
+        let mut bits = mem::take(&mut self.occupied.bits);
+        for (word, cells) in bits.iter_mut().zip(self.thickness.as_chunks::<64>().0) {
+            *word = cells.iter().enumerate().fold(0, |word, (i, &x)| word | u64::from(x > level) << i);
         }
         // A coarse cell is also reached by long steps through what finer cells cover.
-        let resolution = self.settings.resolution;
-        let per_cascade = self.cascade_cells() as usize / 64;
-        for k in 1..self.settings.cascades as usize {
-            for word in (k - 1) * per_cascade..k * per_cascade {
-                let mut bits = self.bits[word];
-                while bits != 0 {
-                    let id = word as u32 * 64 + bits.trailing_zeros();
-                    bits &= bits - 1;
-                    let (_, x) = self.coordinates(id);
-                    let above = self.cell(k as u32, x.map(|x| resolution / 4 + x / 2)) as usize;
-                    self.bits[above / 64] |= 1 << (above % 64);
-                }
-            }
-        }
-        for (block, words) in self.blocks.iter_mut().zip(self.bits.as_chunks::<64>().0) {
-            *block = words.iter().enumerate().fold(0, |block, (i, &w)| block | u64::from(w != 0) << i);
-        }
+        self.lift(&mut bits);
+        self.occupied.bits = bits;
+        self.occupied.renew_blocks();
     }
 
-    /// Cells with more than this are occupied.
-    fn bit_threshold(&self) -> f32 {
+    /// Cells with more than this thickness are occupied, by what is known now: `min(threshold, mean)`, and before the first update
+    /// less than any that a camera sees.
+    #[must_use]
+    pub fn level(&self) -> f32 {
         if self.updates == 0 {
             // Everything that is not negative.
             return 0.5 * INVISIBLE;

@@ -10,6 +10,7 @@ mod importance;
 mod induced_flow;
 mod lighting;
 mod occupancy;
+mod occupancy_cells;
 mod proposal;
 mod quadrature;
 mod quadrature_blend;

@@ -4,12 +4,12 @@ use core::ops::ControlFlow;
 use proptest::prelude::*;
 use render_core::occupancy::{GridError, GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
 
-fn settings(resolution: u32, cascades: u32) -> GridSettings {
+pub(crate) fn settings(resolution: u32, cascades: u32) -> GridSettings {
     GridSettings::default().with_resolution(resolution).with_cascades(cascades)
 }
 
 /// A hash of an index as a number in `[0, 1)`.
-fn u(seed: u32, i: u32) -> f32 {
+pub(crate) fn u(seed: u32, i: u32) -> f32 {
     let mut x = i.wrapping_mul(0x9E37_79B9) ^ seed.wrapping_mul(0x85EB_CA6B);
     for _ in 0..3 {
         x = (x ^ (x >> 15)).wrapping_mul(0x2C1B_3C6D);
@@ -26,7 +26,7 @@ fn grid_of(settings: GridSettings, occupied: impl Fn(&OccupancyGrid, u32) -> boo
     grid
 }
 
-fn samples(grid: &OccupancyGrid, ray: &RaySpan, rule: &StepRule, jitter: f32) -> (Vec<(f32, f32)>, Marched) {
+pub(crate) fn samples(grid: &OccupancyGrid, ray: &RaySpan, rule: &StepRule, jitter: f32) -> (Vec<(f32, f32)>, Marched) {
     let mut out = vec![];
     let marched = grid.march(ray, rule, jitter, u32::MAX, |t, dt| {
         out.push((t, dt));
@@ -35,7 +35,7 @@ fn samples(grid: &OccupancyGrid, ray: &RaySpan, rule: &StepRule, jitter: f32) ->
     (out, marched)
 }
 
-fn at(ray: &RaySpan, t: f32) -> [f32; 3] {
+pub(crate) fn at(ray: &RaySpan, t: f32) -> [f32; 3] {
     std::array::from_fn(|a| ray.o[a] + t * ray.d[a])
 }
 
@@ -44,7 +44,7 @@ fn any_coordinate(half: f32) -> impl Strategy<Value = f32> {
     prop_oneof![4 => -half..half, 1 => (-8_i32..=8).prop_map(|i| i as f32 / 8.0), 1 => -3.0 * half..3.0 * half]
 }
 
-fn any_ray(half: f32) -> impl Strategy<Value = RaySpan> {
+pub(crate) fn any_ray(half: f32) -> impl Strategy<Value = RaySpan> {
     let component = || prop_oneof![5 => -1.0_f32..1.0, 1 => Just(0.0_f32), 1 => Just(-0.0_f32), 1 => Just(1e-7_f32)];
     let o = [any_coordinate(half), any_coordinate(half), any_coordinate(half)];
     (o, [component(), component(), component()], 0.0_f32..0.5, 0.0_f32..8.0).prop_map(|(o, d, t_min, span)| {
@@ -56,7 +56,7 @@ fn any_ray(half: f32) -> impl Strategy<Value = RaySpan> {
 
 /// Cells occupied in clusters, so that there are empty blocks of every size: a cell with a share `dense` inside blocks of
 /// 8 cells with a share `blocks`.
-fn clusters(settings: GridSettings, seed: u32, blocks: f32, dense: f32) -> OccupancyGrid {
+pub(crate) fn clusters(settings: GridSettings, seed: u32, blocks: f32, dense: f32) -> OccupancyGrid {
     grid_of(settings, |grid, cell| {
         let (k, x) = grid.coordinates(cell);
         let block = x[0] / 8 + 100 * (x[1] / 8 + 100 * (x[2] / 8 + 100 * k));

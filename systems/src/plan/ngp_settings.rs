@@ -138,6 +138,7 @@ fn defaults(layout: &Layout, step_min: f32, grid: HashGridSettings) -> RayConfig
             occupancy_threshold: 0.01,
             occupancy_settle: 500,
             occupancy_every: 8,
+            occupancy_times: 24,
             step_min,
             step_cone: if layout.kind == SpaceKind::Contracted { step_min } else { 0.0 },
             samples_per_ray: 64.0,

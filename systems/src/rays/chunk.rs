@@ -216,7 +216,7 @@ impl Chunk {
             }
         }
         match ctx.placing {
-            Placing::March(grid, marcher) => self.prepass.march(ctx, grid, marcher, &self.rays, rays),
+            Placing::March(occupancy, marcher) => self.prepass.march(ctx, occupancy, marcher, &self.rays, rays),
             Placing::Proposals(proposals, exponent) => {
                 let counts = |r: usize| ctx.batch.weight[(rays.start + r) / ctx.per_pixel] > 0.0;
                 let (all, first) = (ctx.rays.len(), rays.start);

@@ -4,21 +4,20 @@ use super::head::Head;
 use super::scene_flow::FlowContext;
 use crate::fields::Field;
 use crate::photo_model::{Codes, PhotoModel, Pixel, PixelBar};
-use crate::samplers::{Marcher, MeasuredDepth, Proposals};
+use crate::samplers::{Marcher, MeasuredDepth, Occupancy, Proposals};
 use crate::space::Space;
 use crate::terms::RayTerm;
 use crate::warps::{Deform, TimeSteps};
 use engine::data::Batch;
 use field_core::rng::Rng;
 use losses::kernel::Kernel;
-use render_core::occupancy::OccupancyGrid;
 use render_core::ray::Ray;
 
 /// How a step places samples.
 #[derive(Clone, Copy)]
 pub(super) enum Placing<'a> {
     /// A march through an occupancy grid.
-    March(&'a OccupancyGrid, Marcher),
+    March(&'a Occupancy, Marcher),
     /// By proposals, whose weights have this exponent.
     Proposals(&'a Proposals, f32),
 }
@@ -85,6 +84,11 @@ impl StepContext<'_> {
         // A share of the width is not enough: a pixel is asked for, not a place.
         let [x, y] = self.batch.pixel[i];
         cues.at(self.batch.view[i], [x, y])
+    }
+
+    /// Time of pixel `i`, in `[-1, 1]`; `None` where the field knows no time.
+    pub(super) fn time_of(&self, i: usize) -> Option<f32> {
+        self.time_steps.times.get(self.batch.view[i] as usize).copied()
     }
 
     /// Everything that whole rays cost.

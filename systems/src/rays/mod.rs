@@ -63,6 +63,8 @@ mod step;
 mod survey;
 mod system;
 mod tile;
+#[cfg(test)]
+mod time_bins_tests;
 mod work;
 
 pub use config::{BatchConfig, RateConfig, RayConfig, SamplerConfig};

@@ -18,7 +18,7 @@ use scene_io::synthetic::{OrbitOptions, orbit};
 use scene_io::{ImageStore, Split, StoreOptions};
 use std::sync::Arc;
 
-const TIME_STEPS: usize = 20;
+pub(super) const TIME_STEPS: usize = 20;
 
 /// A photo of each time step.
 pub(super) fn filmed(side: u32) -> Dataset {
@@ -42,10 +42,15 @@ fn of(config: RayConfig, data: &Dataset, time: MadeSettings) -> RaySystem {
 
 /// A field that is full everywhere at one time step of [`TIME_STEPS`], or at none, and empty at all others: the density is that of the
 /// time step's code.
-fn flash(full: bool) -> RaySystem {
+pub(super) fn flash(full: bool) -> RaySystem {
+    flash_in(full, TIME_STEPS)
+}
+
+/// The same with so many bins of time.
+pub(super) fn flash_in(full: bool, occupancy_times: usize) -> RaySystem {
     let mut config = biased(SpaceKind::Box, -8.0);
     let grid = occupancy(&mut config);
-    *grid = OccupancyConfig { occupancy: 16, occupancy_every: 1, occupancy_settle: 1, ..*grid };
+    *grid = OccupancyConfig { occupancy: 16, occupancy_every: 1, occupancy_settle: 1, occupancy_times, ..*grid };
     let mut driver = of(config, &filmed(4), MadeSettings::of_time(TimeKind::Codes, 0, 1));
     let mut state: TensorMap = driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect();
     let mut write = |name: &str, values: &[(usize, f32)]| match &mut state.get_mut(name).unwrap().data {

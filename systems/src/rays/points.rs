@@ -11,8 +11,8 @@ use rayon::prelude::*;
 /// Points of one task.
 const TASK: usize = 256;
 
-/// Grid positions of points of the scene's frame, and which of them the space reaches.
-fn place(driver: &RaySystem, points: &[[f64; 3]]) -> (Vec<f32>, Vec<bool>) {
+/// Grid positions of points of the scene's frame, and which of them the space reaches at a time in `[-1, 1]`, if there is one.
+fn place(driver: &RaySystem, points: &[[f64; 3]], time: Option<f32>) -> (Vec<f32>, Vec<bool>) {
     let n = points.len();
     let (mut p, mut x) = (vec![0.0; 3 * n], vec![0.0; 3 * n]);
     let inside = points
@@ -22,18 +22,18 @@ fn place(driver: &RaySystem, points: &[[f64; 3]]) -> (Vec<f32>, Vec<bool>) {
             let at = driver.space.internal_point(DVec3::from(point));
             let q = at.unwrap_or([0.0; 3]);
             (p[i], p[n + i], p[2 * n + i]) = (q[0], q[1], q[2]);
-            at.is_some_and(|q| driver.sampler.occupancy().is_none_or(|occupancy| occupancy.grid.occupied(q, 0.0)))
+            at.is_some_and(|q| driver.sampler.occupancy().is_none_or(|occupancy| occupancy.holds(q, time)))
         })
         .collect();
     driver.space.grid_positions(driver.field.simd, &p, &mut x);
     (x, inside)
 }
 
-/// Density at points of the scene's frame, 1 / world unit; 0 where the occupancy grid, if it is used, is empty.
+/// Density at points of the scene's frame, 1 / world unit; 0 where the occupancy grid, if it is used, is empty at that time.
 pub(super) fn density(driver: &RaySystem, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
     let time_steps = driver.field.time_steps_at(time);
     out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).for_each(|(out, points)| {
-        let (mut x, inside) = place(driver, points);
+        let (mut x, inside) = place(driver, points, time_steps.times.first().copied());
         let which = vec![0; points.len()];
         driver.field.densities(&mut x, When { time_steps: &time_steps, which: &which }, out, &mut Default::default());
         for ((out, point), inside) in out.iter_mut().zip(points).zip(inside) {
@@ -50,7 +50,7 @@ pub(super) fn colour(driver: &RaySystem, points: &[[f64; 3]], d: &[[f32; 3]], ti
     let tasks = out.par_chunks_mut(TASK).zip(points.par_chunks(TASK)).zip(d.par_chunks(TASK));
     tasks.for_each(|((out, points), d)| {
         let (field, n) = (&driver.field, points.len());
-        let (mut x, _) = place(driver, points);
+        let (mut x, _) = place(driver, points, None);
         let which = vec![0; n];
         let mut input = vec![0.0; field.colour.inputs() * n];
         let when = When { time_steps: &time_steps, which: &which };

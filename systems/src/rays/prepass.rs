@@ -9,9 +9,8 @@
 use super::context::StepContext;
 use crate::buffers::sized;
 use crate::fields::{Mixed, MovingPoints, Placing, When};
-use crate::samplers::{CutRoom, Intervals, Marcher, Proposed};
+use crate::samplers::{CutRoom, Intervals, Marcher, Occupancy, Proposed};
 use crate::space::InternalRay;
-use render_core::occupancy::OccupancyGrid;
 use std::ops::Range;
 
 /// Samples of each ray in one round.
@@ -139,11 +138,12 @@ impl Prepass {
         self.evaluated.iter().map(|&n| u64::from(n)).sum()
     }
 
-    /// Place samples along the rays, skipping what the occupancy grid knows to be empty. `rays` are the batch's `range`.
+    /// Place samples along the rays, skipping what the occupancy grid knows to be empty at the time of each. `rays` are the
+    /// batch's `range`.
     pub(super) fn march(
         &mut self,
         ctx: &StepContext<'_>,
-        grid: &OccupancyGrid,
+        occupancy: &Occupancy,
         marcher: Marcher,
         rays: &[InternalRay],
         range: Range<usize>,
@@ -154,7 +154,8 @@ impl Prepass {
         self.offsets.clear();
         self.offsets.push(0);
         for (ray, i) in rays.iter().zip(range) {
-            if ctx.batch.weight[i / ctx.per_pixel] > 0.0 {
+            let pixel = i / ctx.per_pixel;
+            if ctx.batch.weight[pixel] > 0.0 {
                 if ctx.head.is_some() && ray.start < ray.end {
                     // The veil: see `super::head`.
                     self.t.push(ray.start);
@@ -166,9 +167,11 @@ impl Prepass {
                     all_t.push(t);
                     all_dt.push(dt);
                 };
-                self.dense += u64::from(marcher.march(grid, ray, ctx.jitter[i], visit).candidates);
+                let cells = occupancy.cells_at(ctx.time_of(pixel));
+                let marched = marcher.march_in(&occupancy.grid, cells, ray, ctx.jitter[i], visit);
+                self.dense += u64::from(marched.candidates);
                 if let Some(cues) = ctx.cues {
-                    let (start, end, measured) = (ray.start, ray.end, ctx.measured(i / ctx.per_pixel));
+                    let (start, end, measured) = (ray.start, ray.end, ctx.measured(pixel));
                     let intervals = Intervals { t: &mut self.t, dt: &mut self.dt, first };
                     self.dense += u64::from(cues.cut(start, end, measured, ctx.jitter[i], intervals, &mut self.cut));
                 }

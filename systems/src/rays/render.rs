@@ -5,7 +5,7 @@
 //! colours of samples that its account can pay for. Cells that the occupancy grid counts as empty hold no density: that
 //! is part of the model, as training has no samples there, so passing over them is exact. A budget of 0 skips nothing: it
 //! visits all samples of the lattice and asks for every density and every colour. Where proposals place the samples, these
-//! are the lattice, and no cell is empty.
+//! are the lattice, and no cell is empty. Where the grid tells times apart, the empty cells are those of the query's time.
 
 use super::driver::RaySystem;
 use super::render_scratch::{Kept, Progress, Scratch};
@@ -157,6 +157,7 @@ impl Job<'_> {
     /// Place samples along the rays.
     fn march(&self, occupancy: &Occupancy, s: &mut Scratch, ledger: &mut Ledger) {
         let (grid, marcher) = (&occupancy.grid, occupancy.marcher());
+        let cells = occupancy.cells_at(self.time_steps.times.first().copied());
         s.t.clear();
         s.dt.clear();
         s.empty.clear();
@@ -168,7 +169,7 @@ impl Job<'_> {
             if let Some(full) = &self.full {
                 // Samples lie where they would without the empty ones: what is in both is occupied.
                 occupied.clear();
-                marcher.march(grid, ray, JITTER, |at, _| occupied.push(at));
+                marcher.march_in(grid, cells, ray, JITTER, |at, _| occupied.push(at));
                 let mut next = 0;
                 let marched = marcher.march(full, ray, JITTER, |at, step| {
                     let holds = occupied.get(next) == Some(&at);
@@ -180,7 +181,7 @@ impl Job<'_> {
                 debug_assert_eq!(next, occupied.len(), "every occupied sample lies on the lattice");
                 lattice += u64::from(marched.candidates);
             } else {
-                let marched = marcher.march(grid, ray, JITTER, |at, step| {
+                let marched = marcher.march_in(grid, cells, ray, JITTER, |at, step| {
                     t.push(at);
                     dt.push(step);
                 });

@@ -197,7 +197,7 @@ impl RaySystem {
             space: &self.space,
             head: self.head.as_ref(),
             placing: match &self.sampler {
-                Sampler::Occupancy(occupancy) => Placing::March(&occupancy.grid, occupancy.marcher()),
+                Sampler::Occupancy(occupancy) => Placing::March(occupancy, occupancy.marcher()),
                 Sampler::Proposals(proposals) => Placing::Proposals(proposals, Proposals::exponent(plan.step)),
             },
             lead: self.sampler.lead(),

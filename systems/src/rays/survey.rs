@@ -34,7 +34,7 @@ impl RaySystem {
         let Some(occupancy) = self.sampler.occupancy() else { return ctx };
         let most = MOST_SAMPLES * f64::from(occupancy.config().samples_per_ray);
         let longer = (self.evaluated(&ctx, inputs.batch.len()) / most).max(1.0) as f32;
-        StepContext { placing: Placing::March(&occupancy.grid, occupancy.stretched(longer)), ..ctx }
+        StepContext { placing: Placing::March(occupancy, occupancy.stretched(longer)), ..ctx }
     }
 
     /// Samples that the rays of a picture of `n` pixels evaluate before they are opaque or end, in the mean over some of them.

@@ -5,6 +5,7 @@ use super::driver::RaySystem;
 use super::point_flow::LearnedFlow;
 use super::{account, fit, points, render, state};
 use crate::fields::MovingPart;
+use crate::samplers::Occupancy;
 use crate::survey::Surveys;
 use crate::warps::Deform;
 use engine::data::Dataset;
@@ -135,7 +136,8 @@ impl System for RaySystem {
     }
 
     fn growth_bytes(&self) -> usize {
-        self.field.features.growth_bytes()
+        let times = self.sampler.occupancy().filter(|_| self.may_move()).map_or(0, Occupancy::growth_bytes);
+        self.field.features.growth_bytes() + times
     }
 
     fn skips(&self) -> Vec<SkipRow> {

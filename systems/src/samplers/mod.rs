@@ -6,15 +6,18 @@
 
 mod depth;
 mod occupancy;
+mod occupancy_config;
 mod probe;
 mod proposals;
 mod proposed;
 mod silhouette;
+mod time_bins;
 
 pub use depth::DepthCueConfig;
 pub(crate) use depth::{CutRoom, Intervals, MeasuredDepth};
-pub use occupancy::OccupancyConfig;
+use occupancy::OccupancyState;
 pub(crate) use occupancy::{Marcher, Moves, Occupancy};
+pub use occupancy_config::OccupancyConfig;
 pub use proposals::ProposalConfig;
 #[cfg(test)]
 pub(crate) use proposals::ProposalField;
@@ -23,7 +26,6 @@ pub(crate) use proposed::{Draw, Proposed, RaysInSpace};
 
 use crate::schedule::Done;
 use engine::system::{SystemError, Tensor, TensorMap};
-use render_core::occupancy::OccupancyGrid;
 
 /// What places the samples of a field.
 pub(crate) enum Sampler {
@@ -35,7 +37,7 @@ pub(crate) enum Sampler {
 
 /// What a checkpoint says of a sampler.
 pub(crate) enum SamplerState {
-    Occupancy(OccupancyGrid, f32),
+    Occupancy(Box<OccupancyState>),
     Proposals(Vec<ProposalState>),
 }
 
@@ -106,10 +108,7 @@ impl Sampler {
     /// [`SystemError::State`] naming the array that is missing or does not fit.
     pub(crate) fn read_state(&self, state: &TensorMap, updates: u64, done: Done) -> Result<SamplerState, SystemError> {
         Ok(match self {
-            Self::Occupancy(occupancy) => {
-                let (grid, stretch) = occupancy.read_state(state, updates)?;
-                SamplerState::Occupancy(grid, stretch)
-            }
+            Self::Occupancy(occupancy) => SamplerState::Occupancy(Box::new(occupancy.read_state(state, updates)?)),
             Self::Proposals(proposals) => SamplerState::Proposals(proposals.read_state(state, done)?),
         })
     }
@@ -117,9 +116,7 @@ impl Sampler {
     /// Go on from what [`Sampler::read_state`] gave.
     pub(crate) fn restore(&mut self, state: SamplerState) {
         match (self, state) {
-            (Self::Occupancy(occupancy), SamplerState::Occupancy(grid, stretch)) => {
-                (occupancy.grid, occupancy.stretch) = (grid, stretch);
-            }
+            (Self::Occupancy(occupancy), SamplerState::Occupancy(state)) => occupancy.restore(*state),
             (Self::Proposals(proposals), SamplerState::Proposals(state)) => proposals.restore(state),
             _ => unreachable!("the state was read by this sampler"),
         }

@@ -2,9 +2,11 @@
 //!
 //! The grid probes the field now and then; what the cameras and the alpha of the photos rule out is empty from the start.
 
-use super::probe::{Draws, OCCUPIED_SHARE, Probed, Prober};
+use super::occupancy_config::{MAX_SAMPLES, OccupancyConfig};
+use super::probe::{Draws, Found, OCCUPIED_SHARE, Probed, Prober, Spans};
 pub(crate) use super::silhouette::Moves;
 use super::silhouette::{Seen, Silhouette};
+use super::time_bins::{TimeBins, edges_of};
 use crate::fields::{Field, MovingCells};
 use crate::free_space::{NearPlanes, free_cells};
 use crate::space::{InternalRay, Space, SpaceConfig, SpaceKind};
@@ -12,8 +14,7 @@ use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_numbers};
 use float_core::Simd;
 use rayon::prelude::*;
-use render_core::occupancy::{GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
-use serde::{Deserialize, Serialize};
+use render_core::occupancy::{CellBits, GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
@@ -31,8 +32,6 @@ const TASK: usize = 4096;
 const DOUBTED: usize = 10;
 /// Tasks of an update at most.
 const TASKS: usize = 32;
-/// Samples of a ray at most: [`OccupancyConfig::check`] sees to it that no march ends early.
-pub(crate) const MAX_SAMPLES: u32 = 1 << 16;
 /// Where the sky's sample is, and how long: this many times the way to the end of the occupancy grid. There the contraction
 /// leaves nothing of a ray but its direction, and any density is opaque.
 const SKY: f32 = 1e3;
@@ -46,69 +45,6 @@ const MAX_STRETCH: f32 = 8.0;
 /// Largest change of the steps' length from one batch to the next.
 const STRETCH_RATE: f32 = 1.05;
 
-/// Settings of an occupancy grid. Lengths are internal.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OccupancyConfig {
-    /// Cells along an axis of the occupancy grid.
-    pub occupancy: usize,
-    /// A cell is empty below this optical thickness at the smallest step.
-    pub occupancy_threshold: f32,
-    /// Steps in which that threshold rises to its place, from half the thickness of a step through the initial field.
-    pub occupancy_settle: u64,
-    /// Steps between updates of the occupancy grid.
-    pub occupancy_every: u64,
-    /// Smallest step along the ray.
-    pub step_min: f32,
-    /// Step per distance from the camera; 0 keeps the step constant.
-    pub step_cone: f32,
-    /// Samples a ray may have on average in training: where there are more, steps grow until empty space is known.
-    pub samples_per_ray: f32,
-    /// What lies before the points that photos show is empty from the start.
-    pub free_space: bool,
-    /// Every ray ends in one more sample, at infinity: the sky, which is a colour for each direction. Only where space is
-    /// contracted.
-    pub sky: bool,
-}
-
-impl OccupancyConfig {
-    /// Check the ranges, in a space of `cascades` cubes.
-    ///
-    /// # Errors
-    /// [`SystemError::Config`] naming the setting.
-    pub fn check(&self, cascades: usize) -> Result<(), SystemError> {
-        let refuse =
-            |field, value: String, problem: &str| Err(SystemError::Config { field, value, problem: problem.into() });
-        for (field, value) in [
-            ("step_min", f64::from(self.step_min)),
-            ("samples_per_ray", f64::from(self.samples_per_ray)),
-            ("occupancy_every", self.occupancy_every as f64),
-            ("occupancy_threshold", f64::from(self.occupancy_threshold)),
-        ] {
-            if !(value > 0.0 && value.is_finite()) {
-                return refuse(field, value.to_string(), "must be positive and finite");
-            }
-        }
-        if !(0.0..=1.0).contains(&self.step_cone) {
-            return refuse("step_cone", self.step_cone.to_string(), "must be in 0..=1");
-        }
-        if !(8..=512).contains(&self.occupancy) {
-            return refuse("occupancy", self.occupancy.to_string(), "must be in 8..=512");
-        }
-        // Along the diagonal of the outermost cube: equal steps, then steps that grow with the distance.
-        let diagonal = 3.0_f32.sqrt() * 2.0_f32.powi(cascades as i32);
-        let equal = diagonal.min(self.step_min / self.step_cone);
-        let steps = equal / self.step_min + (diagonal / equal).ln() / self.step_cone.max(f32::MIN_POSITIVE);
-        let shortest = diagonal / 4e6;
-        if !(shortest..=100.0).contains(&self.step_min) || steps > MAX_SAMPLES as f32 {
-            let problem =
-                format!("must be in {shortest:e}..=100, and make at most {MAX_SAMPLES} steps of a ray, not {steps:e}");
-            return refuse("step_min", self.step_min.to_string(), &problem);
-        }
-        Ok(())
-    }
-}
-
 /// The grid and the cells of the current update.
 pub(crate) struct Occupancy {
     config: OccupancyConfig,
@@ -118,10 +54,19 @@ pub(crate) struct Occupancy {
     pub(crate) grid: OccupancyGrid,
     /// Training steps are this many times as long as the settings say, `>= 1`.
     pub(crate) stretch: f32,
+    /// In which spans of time cells are full; `None` where the field does not depend on the time, or has too few.
+    times: Option<TimeBins>,
     cells: Vec<u32>,
     thickness: Vec<f32>,
     /// Buffers that no task uses just now.
     probers: Mutex<Vec<Prober>>,
+}
+
+/// What a checkpoint says of an occupancy grid.
+pub(crate) struct OccupancyState {
+    grid: OccupancyGrid,
+    stretch: f32,
+    times: Option<TimeBins>,
 }
 
 /// Settings after a number of updates. The threshold begins below what the field starts with and rises to its place while
@@ -150,16 +95,28 @@ impl Marcher {
         self.rule.dt_min
     }
 
-    /// Visit the samples of a ray.
+    /// Visit the samples of a ray in what the grid counts as occupied.
     pub(crate) fn march(
         &self,
         grid: &OccupancyGrid,
         ray: &InternalRay,
         jitter: f32,
+        visit: impl FnMut(f32, f32),
+    ) -> Marched {
+        self.march_in(grid, grid.occupied_set(), ray, jitter, visit)
+    }
+
+    /// Visit the samples of a ray in these cells of the grid.
+    pub(crate) fn march_in(
+        &self,
+        grid: &OccupancyGrid,
+        cells: &CellBits,
+        ray: &InternalRay,
+        jitter: f32,
         mut visit: impl FnMut(f32, f32),
     ) -> Marched {
         let span = RaySpan { o: ray.o, d: ray.d, t_min: ray.start, t_max: ray.end };
-        let mut marched = grid.march(&span, &self.rule, jitter, MAX_SAMPLES, |t, dt| {
+        let mut marched = grid.march_in(cells, &span, &self.rule, jitter, MAX_SAMPLES, |t, dt| {
             visit(t, dt);
             ControlFlow::Continue(())
         });
@@ -195,6 +152,7 @@ impl Occupancy {
             initial,
             grid,
             stretch: MAX_STRETCH,
+            times: None,
             cells: Vec::new(),
             thickness: Vec::new(),
             probers,
@@ -220,6 +178,17 @@ impl Occupancy {
         &self.config
     }
 
+    /// The cells that may hold anything at a time in `[-1, 1]`; those of all times where it is not known which, or no time is given.
+    pub(crate) fn cells_at(&self, time: Option<f32>) -> &CellBits {
+        let visible = self.times.as_ref().zip(time).and_then(|(times, time)| times.visible_at(time));
+        visible.unwrap_or(self.grid.occupied_set())
+    }
+
+    /// Whether anything may be at a point of the grid at such a time.
+    pub(crate) fn holds(&self, p: [f32; 3], time: Option<f32>) -> bool {
+        self.grid.holds(self.cells_at(time), p, 0.0)
+    }
+
     /// Whether the grid probes the field before this step.
     pub(crate) fn is_due(&self, step: u64) -> bool {
         step.is_multiple_of(self.config.occupancy_every)
@@ -240,13 +209,16 @@ impl Occupancy {
     pub(crate) fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {
         out.push(f32_tensor("occupancy.thickness", self.grid.thickness()));
         out.push(f32_tensor("step.stretch", std::slice::from_ref(&self.stretch)));
+        if let Some(times) = &self.times {
+            times.push_state(out);
+        }
     }
 
-    /// Grid and stretch of a checkpoint after `updates` updates.
+    /// What a checkpoint says after `updates` updates.
     ///
     /// # Errors
     /// [`SystemError::State`] naming the array that is missing or does not fit.
-    pub(crate) fn read_state(&self, state: &TensorMap, updates: u64) -> Result<(OccupancyGrid, f32), SystemError> {
+    pub(crate) fn read_state(&self, state: &TensorMap, updates: u64) -> Result<OccupancyState, SystemError> {
         let thickness = take_f32(state, "occupancy.thickness", self.grid.cells())?;
         let stretch = take_numbers(state, "step.stretch", 1)?[0];
         if !(1.0..=MAX_STRETCH).contains(&stretch) {
@@ -255,7 +227,13 @@ impl Occupancy {
         }
         let grid = OccupancyGrid::from_state(self.settings(updates), &thickness, updates)
             .map_err(|e| SystemError::State { name: "occupancy.thickness".into(), problem: e.to_string() })?;
-        Ok((grid, stretch))
+        let times = TimeBins::of_state(state, &grid)?;
+        Ok(OccupancyState { grid, stretch, times })
+    }
+
+    /// Go on from what [`Occupancy::read_state`] gave.
+    pub(crate) fn restore(&mut self, state: OccupancyState) {
+        OccupancyState { grid: self.grid, stretch: self.stretch, times: self.times } = state;
     }
 
     fn settings(&self, updates: u64) -> GridSettings {
@@ -265,12 +243,31 @@ impl Occupancy {
     pub(crate) fn bytes(&self) -> usize {
         let probers = self.probers.lock().unwrap_or_else(PoisonError::into_inner);
         let probers: usize = probers.iter().map(Prober::bytes).sum();
-        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + probers
+        let times = self.times.as_ref().map_or(0, TimeBins::bytes);
+        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + probers + times
+    }
+
+    /// Bytes by which it grows once bins of time are told apart, and a period of them is over.
+    pub(crate) fn growth_bytes(&self) -> usize {
+        let (bins, held) = match &self.times {
+            Some(times) => (times.bins(), times.bytes()),
+            None => (self.config.occupancy_times, 0),
+        };
+        TimeBins::bytes_of(bins, &self.grid).saturating_sub(held)
+    }
+
+    /// Bins of time as the field's time steps ask for them. What is known of them stays where they are the same.
+    fn follow_times(&mut self, field: &Field) {
+        let edges = edges_of(&field.time_steps().times, self.config.occupancy_times);
+        if self.times.as_ref().map(TimeBins::edges) != edges.as_deref() {
+            self.times = edges.map(|edges| TimeBins::new(edges, &self.grid));
+        }
     }
 
     /// Probe a share of the cells, each at a random point.
     pub(crate) fn update(&mut self, field: &Field, space: &Space, seed: u64, step: u64) {
         self.grid.set_threshold(self.settings(self.grid.updates() + 1).threshold);
+        self.follow_times(field);
         let update = self.grid.updates();
         let share = if update < EAGER_UPDATES { EAGER_SHARE } else { SHARE };
         let (phase, bits, thickness) = (update as u32, self.grid.bits(), self.grid.thickness());
@@ -284,40 +281,52 @@ impl Occupancy {
         }));
         let draws = Draws::new(seed, step, phase);
         self.thickness.resize(self.cells.len(), 0.0);
-        let (grid, step_min) = (&self.grid, self.config.step_min);
+        let grid = &self.grid;
+        let bins = self.times.as_ref().map(|times| times.bits_of(&field.time_steps().times));
+        let spans = self.times.as_ref().zip(bins.as_deref());
+        let spans = spans.map(|(times, bins)| Spans { bins, all: times.all(), level: grid.level() });
         // Whole blocks of `TASK` to each task.
         let share = TASK * self.cells.len().div_ceil(TASK * TASKS).max(1);
         let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share));
         // As many as there are threads, not tasks: what a prober holds from the task before says nothing about the next.
         let probers = &self.probers;
-        let probed = Probed { grid, field, space, draws };
+        let probed = Probed { grid, field, space, draws, step_min: self.config.step_min, spans };
         let idle = || probers.lock().unwrap_or_else(PoisonError::into_inner);
-        tasks.for_each(|(out, cells)| {
-            let mut prober = idle().pop().unwrap_or_default();
+        let found = tasks.map(|(out, cells)| {
+            let (mut prober, mut found) = (idle().pop().unwrap_or_default(), Vec::new());
             for (out, cells) in out.chunks_mut(TASK).zip(cells.chunks(TASK)) {
-                prober.probe(&probed, cells, out);
-                for (out, &id) in out.iter_mut().zip(cells) {
-                    *out *= step_min * (1_u32 << grid.coordinates(id).0) as f32;
-                }
+                prober.probe(&probed, cells, out, &mut found);
             }
             idle().push(prober);
+            found
         });
+        // In the order of the tasks, whoever was ready first.
+        let found: Vec<Vec<Found>> = found.collect();
         self.grid.update(&self.cells, &self.thickness);
+        if let Some(times) = &mut self.times {
+            times.learn(&found.concat());
+            times.refresh(&self.grid);
+        }
     }
 
     /// Cells in which something moves may be full at other times: they are probed anew before they count as empty.
     pub(crate) fn reopen(&mut self, moving: &MovingCells, space: &Space) {
         let (settings, updates) = (self.settings(self.grid.updates()), self.grid.updates());
         let mut thickness = self.grid.thickness().to_vec();
-        let (simd, mut x) = (Simd::best(), [0.0; 3]);
+        let (simd, mut x, mut opened) = (Simd::best(), [0.0; 3], vec![0_u64; self.grid.bits().len()]);
         for (id, thickness) in thickness.iter_mut().enumerate().filter(|(_, thickness)| **thickness >= 0.0) {
             space.grid_positions(simd, &self.grid.cell_point(id as u32, [0.5; 3]), &mut x);
             if moving.holds(x) {
                 *thickness = thickness.max(REOPENED * settings.threshold);
+                opened[id / 64] |= 1 << (id % 64);
             }
         }
         if let Ok(grid) = OccupancyGrid::from_state(settings, &thickness, updates) {
             self.grid = grid;
+        }
+        if let Some(times) = &mut self.times {
+            times.open(&opened);
+            times.refresh(&self.grid);
         }
     }
 

@@ -1,4 +1,4 @@
-//! Cells of an occupancy grid, probed: densities at random points and, where something moves, at several times.
+//! Cells of an occupancy grid, probed: how thick they are at random points and, where something moves, at several times.
 
 use crate::buffers::sized;
 use crate::fields::{DensityScratch, Field, When};
@@ -16,6 +16,29 @@ const TIMES_OF_A_PROBE: u32 = 4;
 /// From one time to the next that a cell is probed, as a share of all: the golden ratio leaves no gap for long.
 const NEXT_TIME: f64 = 0.618_033_988_749_894_9;
 
+/// Updates in which an occupied cell is probed at so many times.
+pub(super) fn updates_of(times: u64) -> u64 {
+    (times * u64::from(OCCUPIED_SHARE)).div_ceil(u64::from(TIMES_OF_A_PROBE))
+}
+
+/// A cell that a probe found full, and in which bins of time: a bit each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Found {
+    pub(super) cell: u32,
+    pub(super) bins: u64,
+}
+
+/// The bins of time that a probe tells apart.
+#[derive(Clone, Copy)]
+pub(super) struct Spans<'a> {
+    /// `[time steps]`, the bit of the bin that each is in.
+    pub(super) bins: &'a [u64],
+    /// The bits of all bins.
+    pub(super) all: u64,
+    /// A cell is full above this optical thickness.
+    pub(super) level: f32,
+}
+
 /// Buffers of a task of an update.
 #[derive(Default)]
 pub(super) struct Prober {
@@ -30,6 +53,8 @@ pub(super) struct Prober {
     moving_which: Vec<u32>,
     was: Vec<f32>,
     moved: Vec<f32>,
+    /// `[n]`, bins in which cells were found full; only where bins are told apart.
+    bins: Vec<u64>,
 }
 
 /// Where in its cell, and at which times, an update probes.
@@ -62,28 +87,61 @@ pub(super) struct Probed<'a> {
     pub(super) field: &'a Field,
     pub(super) space: &'a Space,
     pub(super) draws: Draws,
+    /// The smallest step of the finest cascade.
+    pub(super) step_min: f32,
+    /// `None` where bins of time are not told apart.
+    pub(super) spans: Option<Spans<'a>>,
+}
+
+impl Probed<'_> {
+    /// The smallest step in a cell.
+    fn step(&self, id: u32) -> f32 {
+        self.step_min * (1_u32 << self.grid.coordinates(id).0) as f32
+    }
 }
 
 impl Prober {
-    /// Densities of cells, each at a random point, written over `out`.
+    /// Optical thickness of a smallest step in cells, each at a random point, written over `out`; cells that are full in some bins of
+    /// time are added to `found`.
     ///
     /// Where something moves, a cell is probed at several times, and its fullest counts: what is there for a short while
     /// must not be taken for empty.
-    pub(super) fn probe(&mut self, of: &Probed<'_>, cells: &[u32], out: &mut [f32]) {
-        if !of.field.time_steps().differ() {
-            return self.probe_once(of, 0, cells, out);
+    pub(super) fn probe(&mut self, of: &Probed<'_>, cells: &[u32], out: &mut [f32], found: &mut Vec<Found>) {
+        if of.field.time_steps().differ() {
+            self.bins.clear();
+            self.bins.resize(cells.len(), 0);
+            out.fill(0.0);
+            for round in 0..TIMES_OF_A_PROBE {
+                let mut now = std::mem::take(&mut self.now);
+                self.probe_once(of, round, cells, sized(&mut now, cells.len()));
+                self.find(of, round, cells, &now);
+                out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
+                self.now = now;
+            }
+            let full = cells.iter().zip(&self.bins).filter(|(_, bins)| **bins != 0);
+            found.extend(full.map(|(&cell, &bins)| Found { cell, bins }));
+        } else {
+            self.probe_once(of, 0, cells, out);
         }
-        out.fill(0.0);
-        for round in 0..TIMES_OF_A_PROBE {
-            let mut now = std::mem::take(&mut self.now);
-            self.probe_once(of, round, cells, sized(&mut now, cells.len()));
-            out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
-            self.now = now;
+        out.iter_mut().zip(cells).for_each(|(out, &id)| *out *= of.step(id));
+    }
+
+    /// Mark the bins in which cells are full by the densities of a round.
+    fn find(&mut self, of: &Probed<'_>, round: u32, cells: &[u32], densities: &[f32]) {
+        let Some(spans) = of.spans else { return };
+        // What stands still is asked for in the first round alone, and is so at all times.
+        let has_still = of.field.moving.is_some() && round == 0;
+        let mut moving = self.moving.iter().peekable();
+        for (i, (&id, &density)) in cells.iter().zip(densities).enumerate() {
+            let moves = moving.next_if(|&&column| column as usize == i).is_some();
+            if density * of.step(id) > spans.level {
+                self.bins[i] |= if has_still && !moves { spans.all } else { spans.bins[self.which[i] as usize] };
+            }
         }
     }
 
     fn probe_once(&mut self, of: &Probed<'_>, round: u32, cells: &[u32], out: &mut [f32]) {
-        let (Probed { grid, field, space, draws }, n) = (of, cells.len());
+        let (Probed { grid, field, space, draws, .. }, n) = (of, cells.len());
         let time_steps = field.time_steps();
         let points = if time_steps.differ() { draws.points.substream(1 + u64::from(round)) } else { draws.points };
         let p = sized(&mut self.p, 3 * n);
@@ -98,11 +156,13 @@ impl Prober {
         if let 1.. = time_steps.len() {
             self.which.extend(cells.iter().map(|&id| draws.time_step(id, round, time_steps.len())));
         }
-        let Some(part) = field.moving.as_ref().filter(|_| round > 0) else {
+        if let Some(part) = &field.moving {
+            part.cells.columns(x, &mut self.moving);
+        }
+        if field.moving.is_none() || round == 0 {
             return field.densities(x, When { time_steps, which: &self.which }, out, &mut self.densities);
-        };
+        }
         // What stands still was probed in the first round.
-        part.cells.columns(x, &mut self.moving);
         let m = self.moving.len();
         let (was, moved) = (sized(&mut self.was, 3 * m), sized(&mut self.moved, m));
         for (row, was) in x.chunks_exact(n.max(1)).zip(was.chunks_exact_mut(m.max(1))) {
@@ -116,6 +176,7 @@ impl Prober {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        4 * (self.p.capacity() + self.x.capacity() + self.was.capacity()) + self.densities.bytes()
+        let floats = self.p.capacity() + self.x.capacity() + self.was.capacity();
+        4 * floats + 8 * self.bins.capacity() + self.densities.bytes()
     }
 }

@@ -11,7 +11,7 @@ const NGP: &str = "
     step_min=0.0 step_min=nan step_min=1e-6 step_min=1e-30 step_min=1e30 step_cone=-1.0 step_cone=nan step_cone=1.0
     levels=0 levels=33 features=0 features=3 log2_table=2 log2_table=29 n_min=0 n_max=1
     width=0 geometry=0 geometry=1 colour_layers=0 sh_degree=0 sh_degree=5
-    occupancy=0 occupancy=7 occupancy=1000 cascades=0 cascades=17 occupancy_every=0
+    occupancy=0 occupancy=7 occupancy=1000 cascades=0 cascades=17 occupancy_every=0 occupancy_times=65 occupancy_times=64
     occupancy_threshold=0.0 occupancy_threshold=nan occupancy_threshold=1e30
     density_bias=nan density_bias=1e30 density_bias=-1e30 density_bias=80.0
     samples_per_ray=0.0 samples_per_ray=nan samples_per_ray=1e-30 batch_samples=0 batch_samples=1 batch_rays=0 batch_rays=1
