@@ -84,6 +84,8 @@ pub enum Drawing {
 pub struct Pixel {
     /// Colour of static and transient part together, on the background of the batch.
     pub rgb: [f32; 3],
+    /// Weight of all static samples: how much of what is behind them they hide.
+    pub opacity: f32,
     /// Weighted sum of the transient samples' uncertainties, `>= 0`; 0 without a transient part.
     pub beta: f32,
     /// Weight of the transient samples.

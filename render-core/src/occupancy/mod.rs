@@ -287,11 +287,15 @@ impl OccupancyGrid {
     /// May do so when they are of another grid.
     #[must_use]
     pub fn holds(&self, cells: &CellBits, p: [f32; 3], dt: f32) -> bool {
+        self.cell_of(p, dt).is_some_and(|id| cells.contains(id))
+    }
+
+    /// The cell that says whether a sample of length `dt` (grid units; 0 for a bare point) at `p` is taken. Outside: none.
+    #[must_use]
+    pub fn cell_of(&self, p: [f32; 3], dt: f32) -> Option<u32> {
         let m = max_abs(p);
-        if m.is_nan() || m > self.half_extent() {
-            return false;
-        }
-        cells.contains(self.locate(p, self.cascade(p, dt)).0)
+        let is_inside = !m.is_nan() && m <= self.half_extent();
+        is_inside.then(|| self.locate(p, self.cascade(p, dt)).0)
     }
 
     fn cascade_cells(&self) -> u32 {

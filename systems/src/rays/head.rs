@@ -241,7 +241,8 @@ impl HeadTile {
     /// The pixel whose rays these are.
     pub(super) fn pixel(&self, rgb: [f32; 3], rays: Range<usize>) -> Pixel {
         let mean = |v: &[f32]| v[rays.clone()].iter().sum::<f32>() / rays.len() as f32;
-        Pixel { rgb, beta: mean(&self.ray_beta), transient: mean(&self.transient), sigma_t: mean(&self.sigma_t) }
+        let (beta, transient, sigma_t) = (mean(&self.ray_beta), mean(&self.transient), mean(&self.sigma_t));
+        Pixel { rgb, beta, transient, sigma_t, ..Pixel::default() }
     }
 
     /// Rays with both parts. `input` is the colour network's, whose first rows are the geometry features.

@@ -35,6 +35,9 @@ mod head;
 mod idle_cells;
 mod learn;
 mod marched;
+mod missed;
+#[cfg(test)]
+mod missed_tests;
 mod movers;
 #[cfg(test)]
 mod movers_tests;

@@ -174,11 +174,10 @@ impl Tile {
         (0..count / per_pixel).map(move |p| {
             let rays = &colours[3 * p * per_pixel..][..3 * per_pixel];
             let rgb = [0, 1, 2].map(|c| per_ray * rays[c..].iter().step_by(3).sum::<f32>());
-            if with_head {
-                self.head.pixel(rgb, p * per_pixel..(p + 1) * per_pixel)
-            } else {
-                Pixel { rgb, ..Pixel::default() }
-            }
+            let of_pixel = p * per_pixel..(p + 1) * per_pixel;
+            let opacity = 1.0 - per_ray * self.trans_end[of_pixel.clone()].iter().sum::<f32>();
+            let pixel = if with_head { self.head.pixel(rgb, of_pixel) } else { Pixel { rgb, ..Pixel::default() } };
+            Pixel { opacity, ..pixel }
         })
     }
 

@@ -10,6 +10,7 @@ mod occupancy_config;
 mod probe;
 mod proposals;
 mod proposed;
+mod reopened;
 mod silhouette;
 mod time_bins;
 

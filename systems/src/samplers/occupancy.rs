@@ -7,12 +7,11 @@ use super::probe::{Draws, Found, OCCUPIED_SHARE, Probed, Prober, Spans};
 pub(crate) use super::silhouette::Moves;
 use super::silhouette::{Seen, Silhouette};
 use super::time_bins::{TimeBins, edges_of};
-use crate::fields::{Field, MovingCells};
+use crate::fields::Field;
 use crate::free_space::{NearPlanes, free_cells};
 use crate::space::{InternalRay, Space, SpaceConfig, SpaceKind};
 use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_numbers};
-use float_core::Simd;
 use rayon::prelude::*;
 use render_core::occupancy::{CellBits, GridSettings, Marched, OccupancyGrid, RaySpan, StepRule};
 use std::ops::ControlFlow;
@@ -35,8 +34,6 @@ const TASKS: usize = 32;
 /// Where the sky's sample is, and how long: this many times the way to the end of the occupancy grid. There the contraction
 /// leaves nothing of a ray but its direction, and any density is opaque.
 const SKY: f32 = 1e3;
-/// Thickness of a cell that is opened again, in thresholds: some probes may find nothing there before it counts as empty.
-const REOPENED: f32 = 8.0;
 /// Longest step: in a cascade the step doubles with the cells.
 const STEP_MAX: f32 = 1e3;
 
@@ -55,7 +52,7 @@ pub(crate) struct Occupancy {
     /// Training steps are this many times as long as the settings say, `>= 1`.
     pub(crate) stretch: f32,
     /// In which spans of time cells are full; `None` where the field does not depend on the time, or has too few.
-    times: Option<TimeBins>,
+    pub(super) times: Option<TimeBins>,
     cells: Vec<u32>,
     thickness: Vec<f32>,
     /// Buffers that no task uses just now.
@@ -236,7 +233,7 @@ impl Occupancy {
         OccupancyState { grid: self.grid, stretch: self.stretch, times: self.times } = state;
     }
 
-    fn settings(&self, updates: u64) -> GridSettings {
+    pub(super) fn settings(&self, updates: u64) -> GridSettings {
         settings(&self.config, self.cascades, self.initial, updates)
     }
 
@@ -305,27 +302,6 @@ impl Occupancy {
         self.grid.update(&self.cells, &self.thickness);
         if let Some(times) = &mut self.times {
             times.learn(&found.concat());
-            times.refresh(&self.grid);
-        }
-    }
-
-    /// Cells in which something moves may be full at other times: they are probed anew before they count as empty.
-    pub(crate) fn reopen(&mut self, moving: &MovingCells, space: &Space) {
-        let (settings, updates) = (self.settings(self.grid.updates()), self.grid.updates());
-        let mut thickness = self.grid.thickness().to_vec();
-        let (simd, mut x, mut opened) = (Simd::best(), [0.0; 3], vec![0_u64; self.grid.bits().len()]);
-        for (id, thickness) in thickness.iter_mut().enumerate().filter(|(_, thickness)| **thickness >= 0.0) {
-            space.grid_positions(simd, &self.grid.cell_point(id as u32, [0.5; 3]), &mut x);
-            if moving.holds(x) {
-                *thickness = thickness.max(REOPENED * settings.threshold);
-                opened[id / 64] |= 1 << (id % 64);
-            }
-        }
-        if let Ok(grid) = OccupancyGrid::from_state(settings, &thickness, updates) {
-            self.grid = grid;
-        }
-        if let Some(times) = &mut self.times {
-            times.open(&opened);
             times.refresh(&self.grid);
         }
     }

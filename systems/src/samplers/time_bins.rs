@@ -100,13 +100,18 @@ impl TimeBins {
         self.visible.get(self.bin(time)).filter(|_| is_within)
     }
 
-    /// Take in what an update found. What is seen follows with [`TimeBins::refresh`].
-    pub(super) fn learn(&mut self, found: &[Found]) {
+    /// Cells that were found full. What is seen follows with [`TimeBins::refresh`].
+    pub(super) fn note(&mut self, found: &[Found]) {
         self.now.par_chunks_mut(self.words).enumerate().for_each(|(bin, now)| {
             for Found { cell, bins } in found {
                 now[*cell as usize / 64] |= (bins >> bin & 1) << (cell % 64);
             }
         });
+    }
+
+    /// Take in what an update found: [`TimeBins::note`], and an update of the period is over.
+    pub(super) fn learn(&mut self, found: &[Found]) {
+        self.note(found);
         self.updates += 1;
         if self.updates >= updates_of(PROBES * self.bins() as u64) {
             std::mem::swap(&mut self.now, &mut self.before);
