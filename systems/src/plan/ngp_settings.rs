@@ -22,6 +22,8 @@ const CELLS_PER_PIXEL: f64 = 2.0;
 const SAMPLES_OF_AN_OBJECT: u64 = 8;
 const SAMPLES_OF_A_SCENE: u64 = 64;
 const SAMPLES_OF_A_RUN: u64 = 100_000_000;
+/// Spans of time of which it is known where they are empty, where photos show what is.
+const TIMES_TOLD_APART: usize = 24;
 /// Shares of the schedule in between which fine levels begin to lead what moves.
 const FINE_LEVELS_LEAD: [f64; 2] = [0.3, 0.6];
 
@@ -94,6 +96,15 @@ pub(crate) fn ngp_settings(
     }
     let mut config = defaults(layout, step_min, grid);
     config.batch.rays_per_side = rays_per_side;
+    if let (true, Shown::Times, Some(occupancy)) = (transparent, shown, config.occupancy_mut()) {
+        // What is full at any time is in the way at all times: longer steps, until it is known when.
+        occupancy.samples_per_ray = SAMPLES_OF_AN_OBJECT as f32;
+        occupancy.occupancy_times = TIMES_TOLD_APART;
+        lines.push(format!(
+            "empty space: of {TIMES_TOLD_APART} spans of time at most; about {SAMPLES_OF_AN_OBJECT} samples a ray in training, as steps \
+             are longer while there are more"
+        ));
+    }
     config.terms.distortion = distortion;
     config
 }
@@ -138,7 +149,7 @@ fn defaults(layout: &Layout, step_min: f32, grid: HashGridSettings) -> RayConfig
             occupancy_threshold: 0.01,
             occupancy_settle: 500,
             occupancy_every: 8,
-            occupancy_times: 24,
+            occupancy_times: 0,
             step_min,
             step_cone: if layout.kind == SpaceKind::Contracted { step_min } else { 0.0 },
             samples_per_ray: 64.0,

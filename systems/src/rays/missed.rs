@@ -14,14 +14,13 @@ const HIDES: f32 = 0.5;
 const MOST: usize = 16;
 
 impl RaySystem {
-    /// Before the occupancy grid looks again, open the cells along rays of this batch that miss what their photos show: only where the field
-    /// depends on the time, and once the grid has settled.
+    /// Before the occupancy grid looks again, open the cells along rays of this batch that miss what their photos show: only where it tells times
+    /// apart, and once it has settled.
     pub(super) fn reopen_missed(&mut self, step: u64) {
-        let is_due = self
-            .sampler
-            .occupancy()
-            .is_some_and(|occupancy| occupancy.is_due(step + 1) && step >= occupancy.config().occupancy_settle);
-        if !is_due || !self.field.time_steps().differ() {
+        let is_due = self.sampler.occupancy().is_some_and(|occupancy| {
+            occupancy.tells_times() && occupancy.is_due(step + 1) && step >= occupancy.config().occupancy_settle
+        });
+        if !is_due {
             return;
         }
         self.gather_seen();

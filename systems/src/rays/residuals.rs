@@ -12,10 +12,10 @@ const TILES: u32 = 32;
 /// Side of a tile at least, pixels.
 const SMALLEST: u32 = 4;
 /// Pixels at least, so that their mean says something; and so many that it says enough: a tile with fewer is judged with those around it,
-/// in a block of 2 x 2. In the first ten seconds of a run a tile has half a dozen.
+/// in a block of 2 x 2 or 4 x 4. In the first ten seconds of a run a tile has half a dozen.
 const FEW: f32 = 4.0;
-const ENOUGH: f32 = 8.0;
-const WIDEST: usize = 2;
+const ENOUGH: f32 = 16.0;
+const WIDEST: usize = 4;
 /// Mean error of a tile that moves: of a colour in `[0, 1]`, in units of what half of all tiles exceed, and in units of its
 /// standard error. Dark photos differ by little where something moves, and a field that is not sharp yet errs a little everywhere.
 const MOVES: f32 = 0.012;

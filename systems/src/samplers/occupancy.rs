@@ -186,6 +186,11 @@ impl Occupancy {
         self.grid.holds(self.cells_at(time), p, 0.0)
     }
 
+    /// Whether it is known at which times cells are full.
+    pub(crate) fn tells_times(&self) -> bool {
+        self.times.is_some()
+    }
+
     /// Whether the grid probes the field before this step.
     pub(crate) fn is_due(&self, step: u64) -> bool {
         step.is_multiple_of(self.config.occupancy_every)
