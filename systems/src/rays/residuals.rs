@@ -116,7 +116,7 @@ impl Residuals {
         }
     }
 
-    /// The tiles of each view that enough pixels were seen of.
+    /// The tiles of each view of which, or of what is around them, enough pixels were seen.
     pub(super) fn tiles(&self) -> Vec<Vec<PhotoTile>> {
         let views: Vec<Vec<TileError>> = (0..self.views.len()).map(|view| self.errors(view)).collect();
         let mut all: Vec<f32> = views.iter().flatten().map(|tile| tile.mean).collect();
@@ -160,7 +160,7 @@ impl Residuals {
         (0..tiles.len()).map(widened).collect()
     }
 
-    /// The errors of the tiles of a view that enough pixels were seen of. A photo that is brighter as a whole does not move.
+    /// The errors of the tiles of a view of which, or of what is around them, enough pixels were seen. A photo that is brighter as a whole does not move.
     fn errors(&self, view: usize) -> Vec<TileError> {
         let [_, columns, side] = self.views[view];
         let all = self.judged(view);
@@ -247,6 +247,64 @@ mod tests {
             }
         }
         assert!(mistaken < 26, "{mistaken} of 1264 tiles at rest");
+    }
+
+    /// Let a tile of the first view have so many pixels that all err by this.
+    fn put(residuals: &mut Residuals, tile: usize, pixels: f32, error: f32) {
+        let (n, sum) = (pixels, pixels * error);
+        let numbers = [n, n, n, sum, sum, sum, sum * error];
+        residuals.tiles[tile * NUMBERS..][..NUMBERS].copy_from_slice(&numbers);
+    }
+
+    #[test]
+    fn a_tile_of_few_pixels_is_judged_with_those_around_it_and_one_of_enough_alone() {
+        let mut residuals = Residuals::new(&filmed(32));
+        let number = |[x, y]: [usize; 2]| 8 * y + x;
+        (0..64).for_each(|tile| put(&mut residuals, tile, 40.0, 0.0));
+        // Five pixels alone say too little: their mean is not 2.5 times what it may be by chance.
+        let together = [[0, 0], [1, 0], [0, 1], [1, 1]];
+        let beside_many = [4, 4];
+        for tile in together.into_iter().chain([beside_many]) {
+            put(&mut residuals, number(tile), 5.0, 0.2);
+        }
+        let alone = [6, 2];
+        put(&mut residuals, number(alone), ENOUGH, 0.2);
+        let judged = residuals.judged(0);
+        assert_eq!([together[3], beside_many, alone].map(|tile| judged[number(tile)][0]), [20.0, 125.0, ENOUGH]);
+        let tiles = residuals.tiles();
+        let moving = tiles[0].iter().filter(|tile| tile.moves).map(|tile| tile.middle.map(|at| at / 4));
+        assert_eq!(moving.collect::<Vec<[u32; 2]>>(), [[0, 0], [1, 0], [0, 1], [1, 1], [6, 2]]);
+    }
+
+    #[test]
+    fn blocks_are_those_of_a_plain_twin_also_at_the_borders_of_a_photo() {
+        let mut residuals = Residuals::new(&filmed(20));
+        let random = Rng::new(3, 1);
+        for (i, number) in residuals.tiles.iter_mut().enumerate() {
+            *number = (8.0 * random.uniform_at(i as u64)).floor();
+        }
+        // Five by five tiles of each photo: the last block is one tile wide.
+        let (columns, of_view) = (5, 25);
+        let mut widened = [0; 2];
+        for view in 0..residuals.views.len() {
+            let judged = residuals.judged(view);
+            assert_eq!(judged.len(), of_view);
+            for (k, got) in judged.iter().enumerate() {
+                let block = |side: usize| {
+                    let place = |tile: usize| [tile % columns / side, tile / columns / side];
+                    let mut sums = [0.0; NUMBERS];
+                    for tile in (0..of_view).filter(|&tile| place(tile) == place(k)) {
+                        let numbers = &residuals.tiles[(view * of_view + tile) * NUMBERS..][..NUMBERS];
+                        sums.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number);
+                    }
+                    sums
+                };
+                let side = [1, 2].into_iter().find(|&side| block(side)[0] >= ENOUGH).unwrap_or(WIDEST);
+                assert_eq!(*got, block(side), "tile {k} of view {view}");
+                widened[usize::from(side == WIDEST)] += 1;
+            }
+        }
+        assert!(widened.iter().all(|&count| count > 50), "{widened:?}");
     }
 
     #[test]
