@@ -17,7 +17,8 @@ use std::ops::Range;
 const FULL: usize = 7;
 const PERIOD: u64 = 40;
 
-fn update(driver: &mut RaySystem, steps: Range<u64>) {
+/// Updates of the grid alone, before these steps.
+pub(super) fn update(driver: &mut RaySystem, steps: Range<u64>) {
     for step in steps {
         let occupancy = driver.sampler.occupancy_mut().unwrap();
         occupancy.update(&driver.field, &driver.space, driver.seed, step);
@@ -25,7 +26,7 @@ fn update(driver: &mut RaySystem, steps: Range<u64>) {
 }
 
 /// The times of the photos, in `[-1, 1]`, ascending.
-fn times(driver: &RaySystem) -> Vec<f32> {
+pub(super) fn times(driver: &RaySystem) -> Vec<f32> {
     let mut times = driver.field.time_steps().times.clone();
     times.sort_by(f32::total_cmp);
     times.dedup();
@@ -39,7 +40,8 @@ fn visible(driver: &RaySystem) -> Vec<CellBits> {
     times(driver).into_iter().map(|time| occupancy.cells_at(Some(time)).clone()).collect()
 }
 
-fn state(driver: &RaySystem) -> TensorMap {
+/// What a checkpoint holds.
+pub(super) fn state(driver: &RaySystem) -> TensorMap {
     driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
 }
 
