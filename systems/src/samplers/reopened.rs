@@ -31,11 +31,13 @@ impl Occupancy {
 
     /// Cells along these rays, each of a time in `[-1, 1]`, are opened around their times: something must be there that the grid lost.
     pub(crate) fn reopen_along(&mut self, rays: &[(InternalRay, f32)]) {
-        let along = StepRule::uniform(0.5 * self.grid.cell_side(0));
+        let half_a_cell = 0.5 * self.grid.cell_side(0);
         let everywhere = CellBits::new(vec![u64::MAX; self.grid.bits().len()]);
         let mut found: Vec<Found> = Vec::new();
         for (ray, time) in rays {
             let span = RaySpan { o: ray.o, d: ray.d, t_min: ray.start, t_max: ray.end };
+            // To the end of the largest space, if need be in longer steps.
+            let along = StepRule::uniform(half_a_cell.max((ray.end - ray.start) / MAX_SAMPLES as f32));
             let bins = self.times.as_ref().map_or(0, |times| times.bits_of(&[*time])[0]);
             self.grid.march_in(&everywhere, &span, &along, 0.0, MAX_SAMPLES, |t, _| {
                 found.extend(self.grid.cell_of(ray.at(t), 0.0).map(|cell| Found { cell, bins }));
