@@ -94,7 +94,7 @@ pub fn full_length(flow: &Flow, scale: f64) -> Option<f64> {
 
 /// Length of the fullest colour for vectors of these lengths, pixels; `None` where none is of what moves.
 pub(super) fn length_of_most(mut lengths: Vec<f64>) -> Option<f64> {
-    lengths.retain(|length| *length > STILL);
+    lengths.retain(|length| *length > STILL && length.is_finite());
     lengths.sort_by(f64::total_cmp);
     let last = lengths.len().saturating_sub(1);
     lengths.get((SHARE * last as f64).round() as usize).map(|length| ROOM * length)
@@ -138,7 +138,8 @@ mod tests {
         // What is still in a small picture may move in a large one.
         let slow = flow(4, 4, |_| Some([0.06, 0.0]));
         assert!(full_length(&slow, 1.0).is_none() && full_length(&slow, 2.0).is_some());
-        for nothing in [flow(4, 4, |_| None), flow(0, 0, |_| None), flow(2, 2, |_| Some([f32::NAN; 2]))] {
+        let [lost, far] = [f32::NAN, f32::INFINITY].map(|x| flow(2, 2, |_| Some([x; 2])));
+        for nothing in [flow(4, 4, |_| None), flow(0, 0, |_| None), lost, far] {
             assert_eq!(full_length(&nothing, 1.0), None);
         }
     }

@@ -176,7 +176,8 @@ impl Prober {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        let floats = self.p.capacity() + self.x.capacity() + self.was.capacity();
-        4 * floats + 8 * self.bins.capacity() + self.densities.bytes()
+        let floats: usize = [&self.p, &self.x, &self.now, &self.was, &self.moved].iter().map(|v| v.capacity()).sum();
+        let indices: usize = [&self.which, &self.moving, &self.moving_which].iter().map(|v| v.capacity()).sum();
+        4 * (floats + indices) + 8 * self.bins.capacity() + self.densities.bytes()
     }
 }
