@@ -21,7 +21,7 @@ const ACCEPTED: [(&str, &str); 12] = [
         "warp_octaves=0 warp_octaves=1 warp_octaves=16 warp_width=1 warp_width=1024 warp_depth=1 warp_depth=16
         coherence=0.0 coherence=1000.0 coherence=1e-38 coherence=1000.0+coherence_reach=1e-5+coherence_scale=1e-6
         coherence=1000.0+coherence_reach=0.25+coherence_scale=1000.0 coherence=1000.0+warp=none coherence=1000.0+warp=rigid
-        warp=none warp=rigid origin=free origin=exact curriculum=0.0 curriculum=1e-300 curriculum=1.0
+        warp=none warp=rigid origin=tied origin=exact curriculum=0.0 curriculum=1e-300 curriculum=1.0
         warp_anneal=0.0 warp_anneal=1e-300 warp_anneal=1.0 horizon=1 horizon=9223372036854775807
         planes=[] planes=[1] planes=[1,1,1,1,1,1,1,1] planes=[512]+plane_features=1+plane_times=1
         planes=[4]+plane_times=1024 planes=[4]+plane_features=1 planes=[4]+plane_features=32

@@ -34,7 +34,7 @@ fn settings_of_parts_that_are_not_there_are_refused_in_one_line_and_optional_par
         ("t-nerf", &["time_input=codes"]),
         ("t-nerf", &["planes=[]"]),
         ("d-nerf", &["warp=rigid", "planes=[]"]),
-        ("d-nerf", &["origin=free", "sees=time"]),
+        ("d-nerf", &["origin=tied", "sees=time"]),
         ("d-nerf", &["coherence=0.1", "coherence_reach=0.05"]),
         ("tineuvox", &["coherence=0.1", "voxels=24"]),
         ("nerfies", &["warp=translation", "time_input=time", "origin=tied"]),

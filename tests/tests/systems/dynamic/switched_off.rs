@@ -20,7 +20,15 @@ fn a_deformation_that_does_nothing_is_the_static_system_bit_for_bit() {
     let scene = stopped();
     let (train, _) = views(&scene, 1);
     // So that both keep the same samples, and densities see the same.
-    let set = ["occupancy_every=3", "train_faint=0.0", "planes_seen_by=warp", "plane_tv=0.0", "plane_smoothness=0.0"];
+    let set = [
+        "occupancy_every=3",
+        "train_faint=0.0",
+        "planes_seen_by=warp",
+        "plane_tv=0.0",
+        "plane_smoothness=0.0",
+        // Nothing moves at time 0.
+        "origin=tied",
+    ];
     let mut still = system("ngp", &scene, &train, &set[..2]);
     let mut moving = system("d-nerf", &scene, &train, &set);
     for step in 0..20 {
@@ -50,7 +58,7 @@ fn the_canonical_time_needs_no_deformation() {
     for name in ["d-nerf", "endo-nerf"] {
         let scene = scene_of(name);
         let (train, _) = views(&scene, 1);
-        let mut system = system(name, &scene, &train, &["planes_seen_by=warp"]);
+        let mut system = system(name, &scene, &train, &["planes_seen_by=warp", "origin=tied"]);
         for step in 0..10 {
             system.step(&train, step).unwrap();
         }
