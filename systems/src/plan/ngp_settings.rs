@@ -101,8 +101,8 @@ pub(crate) fn ngp_settings(
         occupancy.samples_per_ray = SAMPLES_OF_AN_OBJECT as f32;
         occupancy.occupancy_times = TIMES_TOLD_APART;
         lines.push(format!(
-            "empty space: of {TIMES_TOLD_APART} spans of time at most; about {SAMPLES_OF_AN_OBJECT} samples a ray in training, as steps \
-             are longer while there are more"
+            "training rays: about {SAMPLES_OF_AN_OBJECT} samples each, in longer steps while there are more; where the field depends on \
+             the time, it is known for each of at most {TIMES_TOLD_APART} spans of time what is empty"
         ));
     }
     config.terms.distortion = distortion;
