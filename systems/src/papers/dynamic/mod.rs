@@ -4,8 +4,8 @@
 //! | --- | --- | --- | --- |
 //! | `two-parts` | planes of place and time, before a still part | - | - |
 //! | `t-nerf` | octaves | - | - |
-//! | `d-nerf` | octaves | displacement, less that at `t = 0` | - |
-//! | `d-nerf`, `field=mlp` | octaves | the same, on the published networks | - |
+//! | `d-nerf` | octaves | displacement | - |
+//! | `d-nerf`, `field=mlp` | octaves | displacement, less that at `t = 0`, on the published networks | - |
 //! | `nerfies` | free codes | rigid motion | - |
 //! | `hypernerf` | free codes | rigid motion | ambient coordinates |
 //! | `endo-nerf` | as `d-nerf`, led by tool masks and measured depth | | |
