@@ -4,7 +4,7 @@
 use super::ask::{Ask, Built, planned};
 use super::ground::{Ground, MovingParts};
 use super::near::set_near;
-use super::ngp_settings::{Shown, ngp_settings};
+use super::ngp_settings::{Shown, ngp_settings, tell_times_apart};
 use super::pace::CloudPace;
 use super::parallax::{accepts_no_parallax, has_no_parallax, no_parallax};
 use super::ray_choice::RaySettings;
@@ -106,6 +106,9 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     if deform.is_some() {
         // Cells that are full at some time are empty at most others.
         field.batch.train_faint = FAINT;
+        if ground.transparent {
+            tell_times_apart(&mut field, &mut ground.lines);
+        }
     }
     let still = field.features.clone();
     (parts.field)(&mut field, data);

@@ -96,17 +96,20 @@ pub(crate) fn ngp_settings(
     }
     let mut config = defaults(layout, step_min, grid);
     config.batch.rays_per_side = rays_per_side;
-    if let (true, Shown::Times, Some(occupancy)) = (transparent, shown, config.occupancy_mut()) {
-        // What is full at any time is in the way at all times: longer steps, until it is known when.
-        occupancy.samples_per_ray = SAMPLES_OF_AN_OBJECT as f32;
-        occupancy.occupancy_times = TIMES_TOLD_APART;
-        lines.push(format!(
-            "training rays: about {SAMPLES_OF_AN_OBJECT} samples each, in longer steps while there are more; where the field depends on \
-             the time, it is known for each of at most {TIMES_TOLD_APART} spans of time what is empty"
-        ));
-    }
     config.terms.distortion = distortion;
     config
+}
+
+/// What a thing that moves before nothing has besides: short rays, and empty space that is known by time.
+pub(super) fn tell_times_apart(config: &mut RayConfig, lines: &mut Vec<String>) {
+    let Some(occupancy) = config.occupancy_mut() else { return };
+    // What is full at any time is in the way at all times: longer steps, until it is known when.
+    occupancy.samples_per_ray = SAMPLES_OF_AN_OBJECT as f32;
+    occupancy.occupancy_times = TIMES_TOLD_APART;
+    lines.push(format!(
+        "training rays: about {SAMPLES_OF_AN_OBJECT} samples each, in longer steps while there are more; for each of at most \
+         {TIMES_TOLD_APART} spans of time it is known what is empty"
+    ));
 }
 
 /// A hash grid for minutes on a CPU.

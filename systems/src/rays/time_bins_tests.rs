@@ -1,7 +1,7 @@
 //! Empty space by time: rays pass over what is full at other times only, and nothing is lost at its own.
 
 use super::RaySystem;
-use super::budget_tests::{query, random_rays, randomised, small};
+use super::budget_tests::{occupancy, query, random_rays, randomised, small};
 use super::gradient_tests::{planes, with_moving_part};
 use super::moving_tests::{TIME_STEPS, filmed, flash, flash_in};
 use super::render::render_trial;
@@ -156,7 +156,8 @@ fn what_is_occupied_at_any_time_does_not_depend_on_bins_and_fields_that_know_no_
 #[test]
 fn what_stands_still_is_full_in_all_bins() {
     let film = filmed(8);
-    let config = with_moving_part(small(SpaceKind::Box), planes(&film, "hybrid").features);
+    let mut config = with_moving_part(small(SpaceKind::Box), planes(&film, "hybrid").features);
+    occupancy(&mut config).occupancy_times = 24;
     let mut driver = randomised(config, 4);
     let found = |driver: &RaySystem| match &state(driver)["occupancy.now"].data {
         TensorData::U64(words) => words.to_vec(),

@@ -25,7 +25,7 @@ const WAY: DVec3 = DVec3::new(0.4, 0.3, 0.0);
 /// Steps of a training, and what makes them short. A hash grid shows another ball for another time at first: it takes longer.
 const STEPS: u64 = 300;
 const STEPS_OF_GRIDS: u64 = 500;
-const SMALL: [&str; 3] = ["batch_rays=1024", "batch_samples=8192", "occupancy=32"];
+const SMALL: [&str; 4] = ["batch_rays=1024", "batch_samples=8192", "occupancy=32", "samples_per_ray=64"];
 const SMALL_GRID: [&str; 3] = ["levels=6", "log2_table=14", "n_max=128"];
 /// Share of its way by which a point may be off, on average, where nothing else is said. A warp that is zero is off by 1.
 const FOUND: f64 = 0.5;
