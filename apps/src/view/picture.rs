@@ -14,7 +14,7 @@ use engine::system::{Canonical, LayerRequest, Layers, Median, Normals, Query};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use render_core::camera::Camera;
-use scene_io::Size;
+use scene_io::{Flow, Size};
 use std::time::{Duration, Instant};
 use systems::splats::Cloud;
 
@@ -185,7 +185,15 @@ impl Painter {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<RgbImage>, String> {
         match draw.layer {
-            Layer::Flow => return self.flow(scene, draw, camera, view, go_on),
+            Layer::Flow => {
+                let Some(system) = scene.flow_system() else {
+                    return Err("the scene has no layer `flow`: nothing in it says where points go".into());
+                };
+                let Some(flow) = flow_in_place(system, view, Shot { camera, time: draw.time }, go_on) else {
+                    return Ok(None);
+                };
+                return Ok(Some(self.flow_colours(&flow, draw.full_size().width)));
+            }
             Layer::Depth => {
                 let [near, far] = picture::depth_range(&[view]);
                 let old = self.depths.unwrap_or([near, far]);
@@ -196,28 +204,16 @@ impl Painter {
         Ok(Some(coloured(scene, draw.layer, view, self.depths)))
     }
 
-    /// Where what `camera` sees goes until the next frame, as colours.
-    fn flow(
-        &mut self,
-        scene: &dyn Scene3d,
-        draw: &Draw,
-        camera: &Camera,
-        view: &Rendered,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<RgbImage>, String> {
-        let Some(system) = scene.flow_system() else {
-            return Err("the scene has no layer `flow`: nothing in it says where points go".into());
-        };
-        let here = Shot { camera, time: draw.time };
-        let Some(flow) = flow_in_place(system, view, here, go_on) else { return Ok(None) };
+    /// Flow as colours, on a scale of pixels of the best picture, which is so wide; the scale follows slowly.
+    fn flow_colours(&mut self, flow: &Flow, full_width: u32) -> RgbImage {
         // What goes as far in a small picture as in a large one has the same colour in both.
-        let scale = f64::from(draw.full_size().width) / f64::from(view.width.max(1));
-        if let Some(length) = full_length(&flow, scale) {
+        let scale = f64::from(full_width) / f64::from(flow.width.max(1));
+        if let Some(length) = full_length(flow, scale) {
             let length = length as f32;
             self.flow_length = Some(self.flow_length.map_or(length, |old| followed(old, length)));
         }
         let [_, full] = self.range(Layer::Flow);
-        Ok(Some(flow_picture(&flow, f64::from(full) / scale)))
+        flow_picture(flow, f64::from(full) / scale)
     }
 }
 

@@ -59,7 +59,7 @@ pub(crate) trait Scene3d: Send + Sync {
     /// The box `[min, max]` that canonical points are drawn in, world units.
     fn bounds(&self) -> [[f64; 3]; 2];
 
-    /// Who says where points go in time (`Layer::Flow`); `None` where nothing moves, or nobody says.
+    /// The system whose scene flow `Layer::Flow` draws; `None` where nothing moves, or the system has no scene flow.
     fn flow_system(&self) -> Option<&dyn System> {
         None
     }

@@ -9,7 +9,7 @@ use crate::time_path::TimePath;
 use image::{Rgb, RgbImage};
 use scene_io::{BitMask, Flow};
 
-/// What is shorter than so many pixels stands still.
+/// Flow that is shorter than this counts as no motion, pixels.
 const STILL: f64 = 0.1;
 /// Share of what moves that the length of the fullest colour is taken from: the rest may be seen from so near that all else would be
 /// pale beside it. And room above that: not every pixel was looked at.

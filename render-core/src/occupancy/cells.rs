@@ -17,10 +17,10 @@ impl CellBits {
     /// The cells of these bits, `[cells / 64]`, lowest bit first.
     ///
     /// # Panics
-    /// When their number is not a multiple of 64 words: no grid has so many cells.
+    /// When the number of words is not a multiple of 64, as that of every grid is.
     #[must_use]
     pub fn new(bits: Vec<u64>) -> Self {
-        assert!(bits.len().is_multiple_of(64), "{} words: no grid has so many cells", bits.len());
+        assert!(bits.len().is_multiple_of(64), "{} words of cells: those of a grid are a multiple of 64", bits.len());
         let mut cells = Self { blocks: vec![0; bits.len() / 64], bits };
         cells.renew_blocks();
         cells

@@ -46,7 +46,7 @@ pub(super) fn flash(full: bool) -> RaySystem {
     flash_in(full, TIME_STEPS)
 }
 
-/// The same with so many bins of time.
+/// [`flash`] with this many bins of time.
 pub(super) fn flash_in(full: bool, occupancy_times: usize) -> RaySystem {
     let mut config = biased(SpaceKind::Box, -8.0);
     let grid = occupancy(&mut config);

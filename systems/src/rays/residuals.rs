@@ -1,7 +1,7 @@
 //! What a field at rest leaves of its photos: signed errors over tiles of all views, as its training batches show them.
 //!
 //! A texture that is not learnt yet errs to both sides, and its mean over a tile is next to nothing. What moves is elsewhere in the
-//! photo than in the field: its tile is brighter or darker as a whole. A tile of few pixels is judged with those around it.
+//! photo than in the field: its tile is brighter or darker as a whole.
 
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
@@ -11,11 +11,8 @@ use render_core::camera::Camera;
 const TILES: u32 = 32;
 /// Side of a tile at least, pixels.
 const SMALLEST: u32 = 4;
-/// Pixels at least, so that their mean says something; and so many that it says enough: a tile with fewer is judged with those around it,
-/// in a block of 2 x 2 or 4 x 4. In the first ten seconds of a run a tile has half a dozen.
+/// Pixels of a tile at least, so that its mean says something.
 const FEW: f32 = 4.0;
-const ENOUGH: f32 = 16.0;
-const WIDEST: usize = 4;
 /// Mean error of a tile that moves: of a colour in `[0, 1]`, in units of what half of all tiles exceed, and in units of its
 /// standard error. Dark photos differ by little where something moves, and a field that is not sharp yet errs a little everywhere.
 const MOVES: f32 = 0.012;
@@ -116,7 +113,7 @@ impl Residuals {
         }
     }
 
-    /// The tiles of each view of which, or of what is around them, enough pixels were seen.
+    /// The tiles of each view that enough pixels were seen of.
     pub(super) fn tiles(&self) -> Vec<Vec<PhotoTile>> {
         let views: Vec<Vec<TileError>> = (0..self.views.len()).map(|view| self.errors(view)).collect();
         let mut all: Vec<f32> = views.iter().flatten().map(|tile| tile.mean).collect();
@@ -128,43 +125,12 @@ impl Residuals {
         views.iter().map(|tiles| tiles.iter().map(tile).collect()).collect()
     }
 
-    /// The numbers of each tile of a view, or of the smallest block around it that has enough pixels.
-    fn judged(&self, view: usize) -> Vec<[f32; NUMBERS]> {
-        let [first, columns, _] = self.views[view];
-        let (last, columns) =
-            (self.views.get(view + 1).map_or(self.tiles.len() / NUMBERS, |next| next[0] as usize), columns as usize);
-        let tiles: Vec<[f32; NUMBERS]> = self.tiles[first as usize * NUMBERS..last * NUMBERS]
-            .chunks_exact(NUMBERS)
-            .map(|numbers| std::array::from_fn(|k| numbers[k]))
-            .collect();
-        let rows = tiles.len().div_ceil(columns.max(1));
-        let block = |k: usize, side: usize| {
-            let [x, y] = [k % columns, k / columns].map(|at| at / side * side);
-            let mut sums = [0.0; NUMBERS];
-            for row in y..(y + side).min(rows) {
-                for tile in &tiles[row * columns + x..row * columns + (x + side).min(columns)] {
-                    sums.iter_mut().zip(tile).for_each(|(sum, number)| *sum += number);
-                }
-            }
-            sums
-        };
-        let widened = |k: usize| {
-            let mut side = 1;
-            let mut numbers = tiles[k];
-            while numbers[0] < ENOUGH && side < WIDEST {
-                side *= 2;
-                numbers = block(k, side);
-            }
-            numbers
-        };
-        (0..tiles.len()).map(widened).collect()
-    }
-
-    /// The errors of the tiles of a view of which, or of what is around them, enough pixels were seen. A photo that is brighter as a whole does not move.
+    /// The errors of the tiles of a view that enough pixels were seen of. A photo that is brighter as a whole does not move.
     fn errors(&self, view: usize) -> Vec<TileError> {
-        let [_, columns, side] = self.views[view];
-        let all = self.judged(view);
-        let known = || all.iter().enumerate().filter(|(_, numbers)| numbers[0] >= FEW);
+        let [first, columns, side] = self.views[view];
+        let last = self.views.get(view + 1).map_or(self.tiles.len() / NUMBERS, |next| next[0] as usize);
+        let all = self.tiles[first as usize * NUMBERS..last * NUMBERS].chunks_exact(NUMBERS);
+        let known = || all.clone().enumerate().filter(|(_, numbers)| numbers[0] >= FEW);
         let mut of_photo = [0.0; 3];
         for (c, middle) in of_photo.iter_mut().enumerate() {
             let mut means: Vec<f32> = known().map(|(_, numbers)| numbers[3 + c] / numbers[1]).collect();
@@ -247,64 +213,6 @@ mod tests {
             }
         }
         assert!(mistaken < 26, "{mistaken} of 1264 tiles at rest");
-    }
-
-    /// Let a tile of the first view have so many pixels that all err by this.
-    fn put(residuals: &mut Residuals, tile: usize, pixels: f32, error: f32) {
-        let (n, sum) = (pixels, pixels * error);
-        let numbers = [n, n, n, sum, sum, sum, sum * error];
-        residuals.tiles[tile * NUMBERS..][..NUMBERS].copy_from_slice(&numbers);
-    }
-
-    #[test]
-    fn a_tile_of_few_pixels_is_judged_with_those_around_it_and_one_of_enough_alone() {
-        let mut residuals = Residuals::new(&filmed(32));
-        let number = |[x, y]: [usize; 2]| 8 * y + x;
-        (0..64).for_each(|tile| put(&mut residuals, tile, 40.0, 0.0));
-        // Five pixels alone say too little: their mean is not 2.5 times what it may be by chance.
-        let together = [[0, 0], [1, 0], [0, 1], [1, 1]];
-        let beside_many = [4, 4];
-        for tile in together.into_iter().chain([beside_many]) {
-            put(&mut residuals, number(tile), 5.0, 0.2);
-        }
-        let alone = [6, 2];
-        put(&mut residuals, number(alone), ENOUGH, 0.2);
-        let judged = residuals.judged(0);
-        assert_eq!([together[3], beside_many, alone].map(|tile| judged[number(tile)][0]), [20.0, 125.0, ENOUGH]);
-        let tiles = residuals.tiles();
-        let moving = tiles[0].iter().filter(|tile| tile.moves).map(|tile| tile.middle.map(|at| at / 4));
-        assert_eq!(moving.collect::<Vec<[u32; 2]>>(), [[0, 0], [1, 0], [0, 1], [1, 1], [6, 2]]);
-    }
-
-    #[test]
-    fn blocks_are_those_of_a_plain_twin_also_at_the_borders_of_a_photo() {
-        let mut residuals = Residuals::new(&filmed(20));
-        let random = Rng::new(3, 1);
-        for (i, number) in residuals.tiles.iter_mut().enumerate() {
-            *number = (8.0 * random.uniform_at(i as u64)).floor();
-        }
-        // Five by five tiles of each photo: the last block is one tile wide.
-        let (columns, of_view) = (5, 25);
-        let mut widened = [0; 2];
-        for view in 0..residuals.views.len() {
-            let judged = residuals.judged(view);
-            assert_eq!(judged.len(), of_view);
-            for (k, got) in judged.iter().enumerate() {
-                let block = |side: usize| {
-                    let place = |tile: usize| [tile % columns / side, tile / columns / side];
-                    let mut sums = [0.0; NUMBERS];
-                    for tile in (0..of_view).filter(|&tile| place(tile) == place(k)) {
-                        let numbers = &residuals.tiles[(view * of_view + tile) * NUMBERS..][..NUMBERS];
-                        sums.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number);
-                    }
-                    sums
-                };
-                let side = [1, 2].into_iter().find(|&side| block(side)[0] >= ENOUGH).unwrap_or(WIDEST);
-                assert_eq!(*got, block(side), "tile {k} of view {view}");
-                widened[usize::from(side == WIDEST)] += 1;
-            }
-        }
-        assert!(widened.iter().all(|&count| count > 50), "{widened:?}");
     }
 
     #[test]
