@@ -18,7 +18,7 @@ struct Counter;
 
 static COUNTING: AtomicBool = AtomicBool::new(false);
 static CALLS: AtomicUsize = AtomicUsize::new(0);
-/// Where allocations came from: lines of this workspace, and how often.
+/// Where allocations came from: functions of this workspace, and how often.
 static SITES: Mutex<BTreeMap<String, usize>> = Mutex::new(BTreeMap::new());
 /// Backtraces taken at most: each costs milliseconds.
 const TRACED: usize = 400;
@@ -35,10 +35,11 @@ impl Counter {
         }
         if CALLS.fetch_add(1, Ordering::Relaxed) < TRACED {
             let trace = Backtrace::force_capture().to_string();
-            let mut lines =
-                trace.lines().map(str::trim).filter(|l| l.starts_with("at ") && !l.contains("no_allocation"));
-            let ours = |l: &&str| !l.contains("/rustc/") && !l.contains("/registry/") && !l.contains("library/");
-            let site = lines.clone().find(ours).or_else(|| lines.next()).unwrap_or("unknown").to_owned();
+            // The names of functions: there is no line where tests are built without debug information.
+            let ours =
+                |l: &&str| ["systems::", "engine::", "_core::", "losses::", "optim::"].iter().any(|c| l.contains(c));
+            let frames = trace.lines().map(str::trim).filter(|l| !l.starts_with("at ") && !l.contains("no_allocation"));
+            let site = frames.filter(|l| !l.contains("rayon_core::")).find(ours).unwrap_or("unknown").to_owned();
             if let Ok(mut sites) = SITES.lock() {
                 *sites.entry(site).or_default() += 1;
             }

@@ -55,6 +55,8 @@ pub(crate) struct Occupancy {
     pub(super) times: Option<TimeBins>,
     cells: Vec<u32>,
     thickness: Vec<f32>,
+    /// What each task of an update found full at some times.
+    found: Vec<Vec<Found>>,
     /// Buffers that no task uses just now.
     probers: Mutex<Vec<Prober>>,
 }
@@ -152,6 +154,7 @@ impl Occupancy {
             times: None,
             cells: Vec::new(),
             thickness: Vec::new(),
+            found: Vec::with_capacity(TASKS),
             probers,
         })
     }
@@ -246,7 +249,8 @@ impl Occupancy {
         let probers = self.probers.lock().unwrap_or_else(PoisonError::into_inner);
         let probers: usize = probers.iter().map(Prober::bytes).sum();
         let times = self.times.as_ref().map_or(0, TimeBins::bytes);
-        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + probers + times
+        let found: usize = self.found.iter().map(|found| found.capacity() * size_of::<Found>()).sum();
+        self.grid.memory_bytes() + 4 * (self.cells.capacity() + self.thickness.capacity()) + found + probers + times
     }
 
     /// Bytes by which it grows once bins of time are told apart, and a period of them is over.
@@ -289,24 +293,23 @@ impl Occupancy {
         let spans = spans.map(|(times, bins)| Spans { bins, all: times.all(), level: grid.level() });
         // Whole blocks of `TASK` to each task.
         let share = TASK * self.cells.len().div_ceil(TASK * TASKS).max(1);
-        let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share));
+        self.found.resize_with(self.cells.len().div_ceil(share), Vec::new);
+        self.found.iter_mut().for_each(Vec::clear);
+        let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share)).zip(&mut self.found);
         // As many as there are threads, not tasks: what a prober holds from the task before says nothing about the next.
         let probers = &self.probers;
         let probed = Probed { grid, field, space, draws, step_min: self.config.step_min, spans };
         let idle = || probers.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = tasks.map(|(out, cells)| {
-            let (mut prober, mut found) = (idle().pop().unwrap_or_default(), Vec::new());
+        tasks.for_each(|((out, cells), found)| {
+            let mut prober = idle().pop().unwrap_or_default();
             for (out, cells) in out.chunks_mut(TASK).zip(cells.chunks(TASK)) {
-                prober.probe(&probed, cells, out, &mut found);
+                prober.probe(&probed, cells, out, found);
             }
             idle().push(prober);
-            found
         });
-        // In the order of the tasks, whoever was ready first.
-        let found: Vec<Vec<Found>> = found.collect();
         self.grid.update(&self.cells, &self.thickness);
         if let Some(times) = &mut self.times {
-            times.learn(&found.concat());
+            times.learn(&self.found);
             times.refresh(&self.grid);
         }
     }

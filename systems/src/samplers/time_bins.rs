@@ -109,9 +109,9 @@ impl TimeBins {
         });
     }
 
-    /// Take in what an update found: [`TimeBins::note`], and an update of the period is over.
-    pub(super) fn learn(&mut self, found: &[Found]) {
-        self.note(found);
+    /// Take in what the tasks of an update found: [`TimeBins::note`], and an update of the period is over.
+    pub(super) fn learn(&mut self, found: &[Vec<Found>]) {
+        found.iter().for_each(|found| self.note(found));
         self.updates += 1;
         if self.updates >= updates_of(PROBES * self.bins() as u64) {
             std::mem::swap(&mut self.now, &mut self.before);
@@ -209,7 +209,7 @@ mod tests {
     }
 
     fn update(bins: &mut TimeBins, grid: &OccupancyGrid, found: &[Found]) {
-        bins.learn(found);
+        bins.learn(&[found.to_vec()]);
         bins.refresh(grid);
     }
 
