@@ -7,6 +7,7 @@
 //! | [`spherical_harmonics`] | directions | instant-ngp |
 //! | [`hash_grid`] | positions: learned features of several levels, in hashed tables | instant-ngp |
 //! | [`dense_grid`], [`multi_distance`] | positions: learned features at all vertices; the same read at three distances | TiNeuVox |
+//! | [`time_hash`] | positions with time: learned features of several levels, in hashed tables | MSTH |
 //! | [`planes`] | positions, with time: learned features of planes, summed or multiplied | tri-planes, K-Planes, HexPlane |
 //!
 //! All batches are feature-major. Functions that vectorise take the [`Simd`](float_core::Simd) level to run at.
@@ -20,6 +21,7 @@ pub mod multi_distance;
 pub mod planes;
 mod resample;
 pub mod spherical_harmonics;
+pub mod time_hash;
 pub mod window;
 
 use crate::FieldError;

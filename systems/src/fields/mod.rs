@@ -19,6 +19,7 @@ mod network;
 mod networks;
 mod placing;
 mod plane_grid;
+mod time_hash;
 mod voxel_variation;
 mod voxels;
 
@@ -35,6 +36,7 @@ pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
 pub(crate) use placing::{Placing, When};
 pub(crate) use plane_grid::{PlaneGridSettings, PlaneGridSource, times_of as plane_times};
+pub(crate) use time_hash::{TimeHashSettings, TimeHashSource};
 pub use voxels::VoxelSettings;
 
 use crate::schedule::Done;

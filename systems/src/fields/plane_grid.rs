@@ -94,6 +94,14 @@ pub(crate) fn times_of(data: &Dataset) -> Arc<[f32]> {
     times.into()
 }
 
+/// Vertices along the time where nothing else is asked for: half as many as there are times, at least two.
+pub(super) fn steps_of_time(times: &[f32]) -> u32 {
+    let mut times = times.to_vec();
+    times.sort_unstable_by(f32::total_cmp);
+    times.dedup();
+    (times.len() as u32).div_ceil(2).max(2)
+}
+
 impl PlaneGridSource {
     /// Planes with these settings; of time too, where there are times.
     pub(crate) fn new(settings: PlaneGridSettings, times: Arc<[f32]>) -> Self {
@@ -105,15 +113,11 @@ impl PlaneGridSource {
         self.times.is_empty()
     }
 
-    /// Vertices along the time: half as many as there are times, at least two.
     fn time_steps(&self) -> u32 {
         if self.settings.plane_times > 0 {
             return self.settings.plane_times.max(2);
         }
-        let mut times = self.times.to_vec();
-        times.sort_unstable_by(f32::total_cmp);
-        times.dedup();
-        (times.len() as u32).div_ceil(2).max(2)
+        steps_of_time(&self.times)
     }
 
     fn planes(&self) -> Result<KPlanes, SystemError> {

@@ -66,6 +66,6 @@ mod tests {
         let (place, data) =
             scene(frames(3, |_, x, y| if middle(x) && middle(y) { [9, 9, 9, 255] } else { [255; 4] }), Vec::new());
         assert_eq!(chosen(&data, &place, &[]), "d-nerf");
-        assert_eq!(chosen(&data, &place, &["plane_scales=[2]"]), "two-parts");
+        assert_eq!(chosen(&data, &place, &["time_levels=4"]), "two-parts");
     }
 }

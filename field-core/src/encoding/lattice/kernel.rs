@@ -68,7 +68,7 @@ pub(crate) fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N]
 
 /// Ask for the cache line of `p`. Any address will do.
 #[inline(always)]
-fn prefetch(p: *const f32) {
+pub(crate) fn prefetch(p: *const f32) {
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     // SAFETY: a hint of baseline x86-64; it does not access memory and does not fault.
     unsafe {

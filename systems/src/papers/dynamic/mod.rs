@@ -2,7 +2,7 @@
 //!
 //! | name | the time | where a point was | beyond space |
 //! | --- | --- | --- | --- |
-//! | `two-parts` | planes of place and time, before a still part | - | - |
+//! | `two-parts` | a hash grid of space and time, before a still part | - | - |
 //! | `t-nerf` | octaves | - | - |
 //! | `d-nerf` | octaves | displacement | - |
 //! | `d-nerf`, `field=mlp` | octaves | displacement, less that at `t = 0`, on the published networks | - |

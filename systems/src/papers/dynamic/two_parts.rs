@@ -1,16 +1,16 @@
-//! Two parts: the field of `ngp` for what stands still, and before it products of planes of place and time, only where something moves.
+//! Two parts: the field of `ngp` for what stands still, and before it a hash grid of space and time, only where something moves.
 //!
 //! ```text
 //! sigma = (1 - m) sigma_s(x) + m sigma_m(x, t)          m: the moving part's gate, in cells where something moves (`fields::blend`)
 //! ```
 //!
-//! No paper's: the gate is that of NSFF (Li et al., 2021, section 3.3), the planes are those of K-Planes (Fridovich-Keil et al., 2023)
-//! with half of the features and nothing that smooths planes of space, which only points of the moving part change. How it is found
-//! what moves: `docs/decisions/0052`; when this is the default: `docs/decisions/0054`.
+//! No paper's: the gate is that of NSFF (Li et al., 2021, section 3.3); what moves has a hash grid of space and time as in MSTH (Wang et
+//! al., "Masked Space-Time Hash Encoding for Efficient Dynamic Scene Reconstruction", 2023, section 3.1), whose mask is a learned
+//! number for each place. How it is found what moves: `docs/decisions/0052`; when this is the default: `docs/decisions/0054`; why
+//! not planes: `docs/decisions/0056`.
 
-use super::k_planes;
 use crate::claims::Claim;
-use crate::fields::{PlaneGridSettings, PlaneGridSource, plane_times};
+use crate::fields::{TimeHashSettings, TimeHashSource, plane_times};
 use crate::plan::{Ask, Background, Built, Moving, chosen_sampler, moving_field};
 use crate::rays::RayConfig;
 use engine::data::Dataset;
@@ -20,28 +20,30 @@ use std::sync::Arc;
 pub(crate) const CLAIM: Claim = Claim {
     name: "two-parts",
     paper: "",
-    what: "The field of `ngp` for what stands still, and planes of place and time before it where something moves",
+    what: "The field of `ngp` for what stands still, and a hash grid of space and time before it where something moves",
     take: "the default for films of a place, in which something moves",
     differs: "What moves is found by what the still part cannot show, or by motion masks; elsewhere it costs nothing.",
     mark: "",
 };
 
-/// Fewer features and scales than `k-planes` has for a whole scene.
-const FEATURES: usize = 4;
-const SCALES: [u32; 2] = [2, 4];
+/// What moves covers few pixels, each seen at few times: levels are fewer and coarser than those of the still part, and each
+/// moment has what was learnt of half a frame before and after it.
+const MOVING: TimeHashSettings = TimeHashSettings {
+    time_levels: 8,
+    time_features: 2,
+    time_log2_table: 17,
+    time_n_min: 16,
+    time_n_max: 512,
+    time_cells: 4,
+    time_cells_max: 0,
+};
 
-/// Planes for what moves; all else is as in `ngp`.
+/// A hash grid of space and time for what moves; all else is as in `ngp`.
 fn field(config: &mut RayConfig, data: &Dataset) {
-    let planes = PlaneGridSettings {
-        plane_features: FEATURES,
-        plane_scales: SCALES.to_vec(),
-        plane_variation: 0.0,
-        ..k_planes::of_motion()
-    };
-    config.features = Arc::new(PlaneGridSource::new(planes, plane_times(data)));
+    config.features = Arc::new(TimeHashSource::new(MOVING, plane_times(data)));
 }
 
-/// A still part, and planes before it.
+/// A still part, and that before it.
 pub(crate) fn build(ask: Ask<'_>) -> Built {
     moving_field(ask, &Moving { field, asked: chosen_sampler, background: Background::Static, ..Moving::STILL })
 }

@@ -1,0 +1,276 @@
+//! The loops over one level: where samples lie, what they gather, and where their gradients go.
+
+use float_core::{Task, Vector};
+
+use super::{BLOCK_FLOATS, TIME_PRIME, TimeLevel};
+use crate::encoding::lattice::PRIMES;
+use crate::encoding::lattice::cell::BLOCK as LANES;
+use crate::encoding::lattice::features::{Features, Packed};
+use crate::encoding::lattice::kernel::{block, prefetch};
+
+/// Vertices of a cell: bit `a` of a vertex's number says whether it is on the upper side along axis `a`, the time last.
+const CORNERS: usize = 16;
+
+/// What every kernel works on: a level, positions `[3][n]` and times `[n]`.
+#[derive(Clone, Copy)]
+pub(super) struct Place<'a> {
+    pub(super) level: TimeLevel,
+    /// x, y, z and t, equally long.
+    pub(super) rows: [&'a [f32]; 4],
+}
+
+/// `out[f][i] = sum over vertices of weight * table[entry][f]`.
+pub(super) struct Gather<'a, 'o, const F: usize> {
+    pub(super) place: Place<'a>,
+    pub(super) table: &'a [f32],
+    pub(super) out: [&'o mut [f32]; F],
+}
+
+/// `grad[entry][f] += weight * out_bar[f][i]`, samples in order, vertices in order.
+pub(super) struct Scatter<'a, 'o, const F: usize> {
+    pub(super) place: Place<'a>,
+    pub(super) out_bar: [&'a [f32]; F],
+    pub(super) grad: &'o mut [f32],
+    pub(super) touched: &'o mut [u64],
+}
+
+/// `x_bar[a][i] += d / d x_a of <out_bar, out>`.
+pub(super) struct PositionGradient<'a, 'o, const F: usize> {
+    pub(super) place: Place<'a>,
+    pub(super) table: &'a [f32],
+    pub(super) out_bar: [&'a [f32]; F],
+    pub(super) x_bar: [&'o mut [f32]; 3],
+}
+
+/// Where a block of samples lies.
+struct Cells {
+    /// Number of the cell along each axis.
+    low: [[u32; LANES]; 4],
+    /// Place in the cell along each axis, `0..=1`.
+    at: [[f32; LANES]; 4],
+}
+
+/// Weight of a vertex along an axis: on the upper side of the cell, or the lower one.
+#[inline(always)]
+fn side(at: f32, upper: usize) -> f32 {
+    if upper == 1 { at } else { 1.0 - at }
+}
+
+impl Place<'_> {
+    fn len(&self) -> usize {
+        self.rows[3].len()
+    }
+
+    /// Cells along an axis.
+    #[inline(always)]
+    fn cells(&self, axis: usize) -> f32 {
+        self.level.cells[axis / 3] as f32
+    }
+
+    /// Where the sixteen samples from `from` on lie; short blocks are filled up with 0.
+    #[inline(always)]
+    fn locate(&self, from: usize) -> Cells {
+        let mut cells = Cells { low: [[0; LANES]; 4], at: [[0.0; LANES]; 4] };
+        for (axis, x) in block(&self.rows, from).iter().enumerate() {
+            let (count, last) = (self.cells(axis), self.cells(axis) - 1.0);
+            for lane in 0..LANES {
+                // `max` makes NaN 0.
+                let p = x[lane].max(0.0).min(1.0) * count;
+                // Signed: what vector instructions convert.
+                let low = (p as i32 as f32).min(last);
+                cells.low[axis][lane] = low as i32 as u32;
+                cells.at[axis][lane] = p - low;
+            }
+        }
+        cells
+    }
+
+    /// The entry of each vertex.
+    #[inline(always)]
+    fn entries(&self, cells: &Cells) -> [[u32; LANES]; CORNERS] {
+        let TimeLevel { cells: [side, _], entries, dense, .. } = self.level;
+        let r = side + 1;
+        let steps = if dense { [1, r, r * r, r * r * r] } else { [1, PRIMES[0], PRIMES[1], TIME_PRIME] };
+        // What each side of the cell adds along each axis.
+        let mut parts = [[[0_u32; LANES]; 2]; 4];
+        for axis in 0..4 {
+            for lane in 0..LANES {
+                let low = cells.low[axis][lane].wrapping_mul(steps[axis]);
+                parts[axis][0][lane] = low;
+                parts[axis][1][lane] = low.wrapping_add(steps[axis]);
+            }
+        }
+        let mut out = [[0; LANES]; CORNERS];
+        for (corner, out) in out.iter_mut().enumerate() {
+            let part = |axis: usize| &parts[axis][corner >> axis & 1];
+            let (x, y, z, t) = (part(0), part(1), part(2), part(3));
+            for lane in 0..LANES {
+                out[lane] = if dense {
+                    x[lane] + y[lane] + z[lane] + t[lane]
+                } else {
+                    (x[lane] ^ y[lane] ^ z[lane] ^ t[lane]) & (entries - 1)
+                };
+            }
+        }
+        out
+    }
+
+    /// The weight of each vertex.
+    #[inline(always)]
+    fn weights(cells: &Cells) -> [[f32; LANES]; CORNERS] {
+        let mut out = [[0.0; LANES]; CORNERS];
+        for (corner, out) in out.iter_mut().enumerate() {
+            for (lane, out) in out.iter_mut().enumerate() {
+                let along = |axis: usize| side(cells.at[axis][lane], corner >> axis & 1);
+                *out = along(0) * along(1) * (along(2) * along(3));
+            }
+        }
+        out
+    }
+}
+
+impl Place<'_> {
+    /// What the `unsafe` below relies on: every entry that [`Place::entries`] gives lies in a table of so many numbers.
+    fn check<const F: usize>(&self, table: &[f32]) {
+        let TimeLevel { cells: [side, times], entries, dense, .. } = self.level;
+        let vertices = (u64::from(side) + 1).pow(3) * (u64::from(times) + 1);
+        assert!(
+            if dense { vertices <= u64::from(entries) } else { entries.is_power_of_two() },
+            "a level of another shape"
+        );
+        assert!(table.len() as u64 >= u64::from(entries) * F as u64, "a level's table has the wrong length");
+    }
+
+    /// Call `body` with the start, the entries and the weights of each block, while the entries of the next one are on their way into the
+    /// cache. `table` is only a hint.
+    #[inline(always)]
+    fn for_each_block<const F: usize>(
+        &self,
+        table: *const f32,
+        mut body: impl FnMut(usize, &[[u32; LANES]; CORNERS], &[[f32; LANES]; CORNERS]),
+    ) {
+        let corners = |from| {
+            let cells = self.locate(from);
+            (self.entries(&cells), Self::weights(&cells))
+        };
+        let n = self.len();
+        if n == 0 {
+            return;
+        }
+        let mut next = corners(0);
+        for from in (0..n).step_by(LANES) {
+            let (entries, weights) = next;
+            if from + LANES < n {
+                next = corners(from + LANES);
+                next.0.as_flattened().iter().for_each(|entry| prefetch(table.wrapping_add(*entry as usize * F)));
+            }
+            body(from, &entries, &weights);
+        }
+    }
+}
+
+impl<const F: usize> Task for Gather<'_, '_, F>
+where
+    Packed: Features<F>,
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        self.place.check::<F>(self.table);
+        let Self { place, table, out: mut rows } = self;
+        place.for_each_block::<F>(table.as_ptr(), |from, entries, weights| {
+            let mut out = [[0.0; LANES]; F];
+            for lane in 0..LANES {
+                let mut sum = Packed::zero();
+                for corner in 0..CORNERS {
+                    let start = entries[corner][lane] as usize * F;
+                    debug_assert!(start + F <= table.len());
+                    // SAFETY: `check` saw that the table holds the `F` numbers of every entry that there is.
+                    let value = unsafe { Packed::load(table.as_ptr().add(start)) };
+                    sum = Packed::add_scaled(sum, weights[corner][lane], value);
+                }
+                let sum = Packed::unpack(sum);
+                for f in 0..F {
+                    out[f][lane] = sum[f];
+                }
+            }
+            for (row, out) in rows.iter_mut().zip(&out) {
+                let row = &mut row[from..];
+                if let Some(full) = row.first_chunk_mut::<LANES>() {
+                    *full = *out;
+                } else {
+                    let len = row.len();
+                    row.copy_from_slice(&out[..len]);
+                }
+            }
+        });
+    }
+}
+
+impl<const F: usize> Task for Scatter<'_, '_, F>
+where
+    Packed: Features<F>,
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        self.place.check::<F>(self.grad);
+        let Self { place, out_bar: rows, grad, touched } = self;
+        let n = place.len();
+        place.for_each_block::<F>(grad.as_ptr(), |from, entries, weights| {
+            let bars = block(&rows, from);
+            for lane in 0..LANES.min(n - from) {
+                let bar = Packed::pack(core::array::from_fn(|f| bars[f][lane]));
+                for corner in 0..CORNERS {
+                    let start = entries[corner][lane] as usize * F;
+                    debug_assert!(start + F <= grad.len());
+                    // SAFETY: `check` saw that the gradient holds the `F` numbers of every entry that there is.
+                    unsafe {
+                        let sum = grad.as_mut_ptr().add(start);
+                        Packed::store(Packed::add_scaled(Packed::load(sum), weights[corner][lane], bar), sum);
+                    }
+                    let block = start / BLOCK_FLOATS;
+                    touched[block / 64] |= 1 << (block % 64);
+                }
+            }
+        });
+    }
+}
+
+impl<const F: usize> Task for PositionGradient<'_, '_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let (table, _) = self.table.as_chunks::<F>();
+        let n = self.place.len();
+        for from in (0..n).step_by(LANES) {
+            let cells = self.place.locate(from);
+            let entries = self.place.entries(&cells);
+            for lane in 0..LANES.min(n - from) {
+                let mut bars = [0.0; 3];
+                for corner in 0..CORNERS {
+                    let value = &table[entries[corner][lane] as usize];
+                    let mut dot = 0.0;
+                    for f in 0..F {
+                        dot += value[f] * self.out_bar[f][from + lane];
+                    }
+                    let along = |axis: usize| side(cells.at[axis][lane], corner >> axis & 1);
+                    for (axis, bar) in bars.iter_mut().enumerate() {
+                        let [u, v] = [[1, 2], [0, 2], [0, 1]][axis];
+                        let slope = along(u) * along(v) * along(3) * dot;
+                        *bar += if corner >> axis & 1 == 1 { slope } else { -slope };
+                    }
+                }
+                for (axis, bar) in bars.into_iter().enumerate() {
+                    // What was clamped does not move.
+                    if (0.0..=1.0).contains(&self.place.rows[axis][from + lane]) {
+                        self.x_bar[axis][from + lane] += self.place.cells(axis) * bar;
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,197 @@
+use super::*;
+use crate::rng::Rng;
+use alloc::vec;
+use testkit::gradient::{Tolerance, central_difference, compare};
+
+fn config() -> TimeHashConfig {
+    TimeHashConfig { levels: 4, features: 2, log2_table: 9, space: [2, 24], time: [1, 7] }
+}
+
+fn random(len: usize, stream: u64) -> Vec<f32> {
+    let mut out = vec![0.0; len];
+    Rng::new(5, stream).fill_uniform(0, &mut out);
+    out
+}
+
+fn params(grid: &TimeHash) -> Vec<f32> {
+    random(grid.params_len(), 1).iter().map(|u| 2.0 * u - 1.0).collect()
+}
+
+/// The definition, one sample of a level: sums over all vertices, whose weight falls to 0 one cell away.
+fn twin(grid: &TimeHash, params: &[f64], level: usize, at: [f64; 4]) -> Vec<f64> {
+    let (of, features) = (grid.levels()[level], grid.config().features);
+    let table = &params[grid.level_range(level)];
+    let p: [f64; 4] = core::array::from_fn(|a| at[a].clamp(0.0, 1.0) * f64::from(of.cells[a / 3]));
+    let mut out = vec![0.0; features];
+    let near = |p: f64| (p.floor() as u32).saturating_sub(1)..=p.floor() as u32 + 1;
+    for x in near(p[0]) {
+        for y in near(p[1]) {
+            for z in near(p[2]) {
+                for t in near(p[3]) {
+                    let v = [x, y, z, t];
+                    let weight: f64 = (0..4).map(|a| (1.0 - (p[a] - f64::from(v[a])).abs()).max(0.0)).product();
+                    if weight > 0.0 {
+                        let entry = of.entry(v) as usize * features;
+                        (0..features).for_each(|f| out[f] += weight * table[entry + f]);
+                    }
+                }
+            }
+        }
+    }
+    out
+}
+
+fn encode(grid: &TimeHash, simd: Simd, params: &[f32], x: &[f32], t: &[f32]) -> Vec<f32> {
+    let mut out = vec![f32::NAN; grid.out_rows() * t.len()];
+    for (level, out) in out.chunks_exact_mut((grid.config().features * t.len()).max(1)).enumerate() {
+        grid.encode_level(simd, params, level, x, t, out).unwrap();
+    }
+    out
+}
+
+fn wide(x: &[f32]) -> Vec<f64> {
+    x.iter().map(|&x| f64::from(x)).collect()
+}
+
+#[test]
+fn features_are_those_of_the_definition() {
+    for features in [1, 2, 4, 8] {
+        let grid = TimeHash::new(TimeHashConfig { features, ..config() }).unwrap();
+        assert!(grid.levels().iter().any(|l| l.dense) && grid.levels().iter().any(|l| !l.dense), "{:?}", grid.levels());
+        let (params, n) = (params(&grid), 37);
+        let (x, t) = (random(3 * n, 2), random(n, 3));
+        let out = encode(&grid, Simd::best(), &params, &x, &t);
+        let mut want = vec![0.0; out.len()];
+        for level in 0..grid.levels().len() {
+            for i in 0..n {
+                let at = [x[i], x[n + i], x[2 * n + i], t[i]].map(f64::from);
+                let value = twin(&grid, &wide(&params), level, at);
+                (0..features).for_each(|f| want[(level * features + f) * n + i] = value[f]);
+            }
+        }
+        compare("features", &out, &want, Tolerance::new(2e-5, 2e-5)).unwrap();
+    }
+}
+
+#[test]
+fn gradients_are_those_of_differences() {
+    let grid = TimeHash::new(config()).unwrap();
+    let (params, n) = (params(&grid), 19);
+    let (x, t, bars) = (random(3 * n, 2), random(n, 3), random(grid.out_rows() * n, 4));
+    let rows = grid.config().features * n;
+    let (mut grad, mut x_bar) = (vec![0.0; params.len()], vec![0.0; x.len()]);
+    for (level, bars) in bars.chunks_exact(rows).enumerate() {
+        let range = grid.level_range(level);
+        let mut touched = vec![0; range.len().div_ceil(BLOCK_FLOATS).div_ceil(64)];
+        let grad = &mut grad[range];
+        grid.encode_level_backward(Simd::best(), level, &x, &t, bars, grad, &mut touched).unwrap();
+        grid.encode_level_backward_x(Simd::best(), &params, level, &x, &t, bars, &mut x_bar).unwrap();
+        for (i, block) in grad.chunks(BLOCK_FLOATS).enumerate() {
+            let marked = touched[i / 64] >> (i % 64) & 1 == 1;
+            assert!(marked || block.iter().all(|g| *g == 0.0), "level {level}, block {i} has a gradient and no mark");
+        }
+    }
+    let functional = |params: &[f64], x: &[f64]| {
+        let mut sum = 0.0;
+        for level in 0..grid.levels().len() {
+            for i in 0..n {
+                let value = twin(&grid, params, level, [x[i], x[n + i], x[2 * n + i], f64::from(t[i])]);
+                let bar = |f: usize| f64::from(bars[level * rows + f * n + i]);
+                sum += value.iter().enumerate().map(|(f, v)| v * bar(f)).sum::<f64>();
+            }
+        }
+        sum
+    };
+    let want = central_difference(&wide(&params), |params| functional(params, &wide(&x)));
+    compare("table", &grad, &want, Tolerance::SINGLE).unwrap();
+    let want = central_difference(&wide(&x), |x| functional(&wide(&params), x));
+    compare("positions", &x_bar, &want, Tolerance::SINGLE).unwrap();
+}
+
+#[test]
+fn every_simd_level_gives_the_same_bits() {
+    let grid = TimeHash::new(config()).unwrap();
+    let (params, n) = (params(&grid), 45);
+    let (x, t) = (random(3 * n, 2), random(n, 3));
+    let all = |simd| encode(&grid, simd, &params, &x, &t);
+    assert_eq!(all(Simd::SCALAR), all(Simd::best()));
+}
+
+#[test]
+fn dense_levels_share_nothing_and_hashes_stay_inside() {
+    let grid = TimeHash::new(config()).unwrap();
+    for level in grid.levels() {
+        let [side, steps] = level.cells.map(|cells| cells + 1);
+        let mut seen = vec![0; level.entries as usize];
+        for t in 0..steps {
+            for z in 0..side {
+                for y in 0..side {
+                    (0..side).for_each(|x| seen[level.entry([x, y, z, t]) as usize] += 1);
+                }
+            }
+        }
+        assert!(!level.dense || seen.iter().all(|count| *count == 1), "{level:?}");
+    }
+}
+
+#[test]
+fn what_is_learned_of_a_moment_leaves_others_alone() {
+    let grid =
+        TimeHash::new(TimeHashConfig { levels: 1, log2_table: 20, space: [4, 4], time: [8, 8], ..config() }).unwrap();
+    let (mut params, n) = (vec![0.0; grid.params_len()], 9);
+    let (x, t) = ([0.3; 27], core::array::from_fn::<f32, 9, _>(|i| i as f32 / 8.0));
+    let mut touched = vec![0; params.len().div_ceil(BLOCK_FLOATS).div_ceil(64)];
+    let at = |v: f32| [v; 3];
+    grid.encode_level_backward(Simd::best(), 0, &at(0.3), &[0.5], &[1.0, 1.0], &mut params, &mut touched).unwrap();
+    let out = encode(&grid, Simd::best(), &params, &x, &t);
+    for (i, value) in out[..n].iter().enumerate() {
+        assert_eq!(*value > 0.0, i == 4, "time {i} of 8: {value}");
+    }
+}
+
+#[test]
+fn extremes_are_clamped_and_no_points_are_no_work() {
+    let grid = TimeHash::new(config()).unwrap();
+    let params = params(&grid);
+    let odd = [f32::NAN, -3.0, 5.0, f32::INFINITY, f32::NEG_INFINITY, 1.0, 0.0];
+    let clamped = [0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0];
+    let n = odd.len();
+    let all = |row: &[f32]| encode(&grid, Simd::best(), &params, &[row, row, row].concat(), row);
+    assert_eq!(all(&odd), all(&clamped));
+    // Neither has a gradient outside.
+    let (x, bars) = ([odd; 3].concat(), vec![1.0; grid.config().features * n]);
+    let mut x_bar = vec![0.0; 3 * n];
+    grid.encode_level_backward_x(Simd::best(), &params, 0, &x, &odd, &bars, &mut x_bar).unwrap();
+    assert!(x_bar.chunks_exact(n).all(|row| row[..5].iter().all(|bar| *bar == 0.0) && row[6] != 0.0), "{x_bar:?}");
+
+    let mut touched = vec![0; grid.level_range(0).len().div_ceil(BLOCK_FLOATS).div_ceil(64)];
+    let mut grad = vec![0.0; grid.level_range(0).len()];
+    grid.encode_level(Simd::best(), &params, 0, &[], &[], &mut []).unwrap();
+    grid.encode_level_backward(Simd::best(), 0, &[], &[], &[], &mut grad, &mut touched).unwrap();
+    grid.encode_level_backward_x(Simd::best(), &params, 0, &[], &[], &[], &mut []).unwrap();
+    assert!(grad.iter().all(|g| *g == 0.0) && touched.iter().all(|t| *t == 0));
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    for bad in [
+        TimeHashConfig { levels: 0, ..config() },
+        TimeHashConfig { features: 3, ..config() },
+        TimeHashConfig { log2_table: 40, ..config() },
+        TimeHashConfig { space: [8, 4], ..config() },
+        TimeHashConfig { space: [0, 4], ..config() },
+        TimeHashConfig { time: [1, 1 << 20], ..config() },
+    ] {
+        assert!(matches!(TimeHash::new(bad), Err(FieldError::Config { .. })), "{bad:?}");
+    }
+    let grid = TimeHash::new(config()).unwrap();
+    let params = params(&grid);
+    let encode = |params: &[f32], level, x: &[f32], out: usize| {
+        grid.encode_level(Simd::best(), params, level, x, &[0.5], &mut vec![0.0; out])
+    };
+    assert!(encode(&params, 0, &[0.5; 3], 2).is_ok());
+    assert!(matches!(encode(&params, 9, &[0.5; 3], 2), Err(FieldError::Index { .. })));
+    assert!(matches!(encode(&params, 0, &[0.5; 4], 2), Err(FieldError::Shape { .. })));
+    assert!(matches!(encode(&params, 0, &[0.5; 3], 3), Err(FieldError::Shape { .. })));
+    assert!(matches!(encode(&params[1..], 0, &[0.5; 3], 2), Err(FieldError::Shape { .. })));
+}
