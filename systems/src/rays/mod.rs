@@ -5,7 +5,7 @@
 //! | what is learnt about places, and the networks behind it | [`crate::fields`] |
 //! | where samples lie along a ray | [`crate::samplers`] |
 //! | what whole rays cost | [`crate::terms`] |
-//! | what moves | the room `warps`; where a part of the field is for that alone: `movers`, `residuals`; how it goes on in the frames beside: `scene_flow` |
+//! | what moves | the room `warps`; where a part of the field is for that alone: `movers`, `residuals`, `mover_masks`; how it goes on in the frames beside: `scene_flow` |
 //! | appearance of photos, and what hides the scene in them | [`crate::photo_model`] |
 //!
 //! A step:
@@ -38,6 +38,7 @@ mod marched;
 mod missed;
 #[cfg(test)]
 mod missed_tests;
+mod mover_masks;
 mod movers;
 #[cfg(test)]
 mod movers_tests;

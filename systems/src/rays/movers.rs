@@ -1,12 +1,16 @@
 //! What moves, found by itself: a field at rest is trained first; where its photos differ from it to one side, or where motion masks of
 //! all photos say so, something moves.
 //!
-//! Tiles of photos that move ([`Residuals`], [`Film`]) tell of space: a block moves where enough of the views that see it see it in such a
-//! tile. From then on a part of the field is for these blocks. Where no masks say it, it is looked for [`LOOKS`] times, and blocks are
-//! only added.
+//! Tiles of photos that move ([`Residuals`], [`MoverMasks`]) tell of space: a block moves where enough of the views that see it see it in
+//! such a tile. From then on a part of the field is for these blocks. Where no masks say it, it is looked for [`LOOKS`] times, and blocks
+//! are only added.
+//!
+//! Pixels that a mask says move are left out only until then: of the field at rest they would make fog. Afterwards all pixels count, as
+//! the share that each part has of a pixel is learnt from them.
 
 use super::config::RayConfig;
 use super::driver::RaySystem;
+use super::mover_masks::MoverMasks;
 use super::moving_config::MovingConfig;
 use super::residuals::{PhotoTile, Residuals, ToldBy, side_of_tile};
 use super::scene_flow::{Film, FlowContext};
@@ -38,8 +42,32 @@ pub(super) struct Movers {
     /// What was found, and whether that was told.
     pub(super) found: Option<Found>,
     told: bool,
-    /// The frames and their priors, where there is scene flow.
-    film: Option<Film>,
+    /// What other programs found out about the photos; `None` where that says nothing.
+    known: Option<Known>,
+}
+
+/// What other programs found out about photos.
+enum Known {
+    /// The frames and all their priors, where there is scene flow.
+    Film(Film),
+    /// What moves, as the masks of all photos say, where there is none.
+    Masks(MoverMasks),
+}
+
+impl Known {
+    fn film(&self) -> Option<&Film> {
+        match self {
+            Self::Film(film) => Some(film),
+            Self::Masks(_) => None,
+        }
+    }
+
+    fn masks(&self) -> &MoverMasks {
+        match self {
+            Self::Film(film) => film.masks(),
+            Self::Masks(masks) => masks,
+        }
+    }
 }
 
 /// What was found to move.
@@ -70,7 +98,7 @@ impl fmt::Display for Found {
 
 impl Movers {
     pub(super) fn new(config: MovingConfig, deform: Option<Deform>) -> Self {
-        Self { config, deform, residuals: None, found: None, told: false, film: None }
+        Self { config, deform, residuals: None, found: None, told: false, known: None }
     }
 
     /// What was found, told once.
@@ -80,11 +108,17 @@ impl Movers {
         Some(found.to_string())
     }
 
-    /// Pixels that a mask says move are not for the still part: they do not count.
+    /// What motion masks say; `None` where they are not heeded.
+    fn masks(&self) -> Option<&MoverMasks> {
+        self.known.as_ref().map(Known::masks)
+    }
+
+    /// Pixels that a mask says move are not for the still part: they do not count. (With scene flow that holds also where other photos
+    /// have no mask.)
     pub(super) fn leave_out(&self, batch: &mut Batch) {
-        let Some(film) = &self.film else { return };
+        let Some(masks) = self.masks() else { return };
         for (weight, (view, place)) in batch.weight.iter_mut().zip(batch.view.iter().zip(&batch.pixel)) {
-            if film.moves(*view, *place) == Some(true) {
+            if masks.moves(*view, *place) == Some(true) {
                 *weight = 0.0;
             }
         }
@@ -92,10 +126,10 @@ impl Movers {
 
     /// The tiles of all photos: as motion masks have them where all photos have one, else as the residuals do.
     fn tiles(&self, residuals: &Residuals, data: &Dataset) -> Vec<Vec<PhotoTile>> {
-        match self.film.as_ref().filter(|_| self.told_by() == ToldBy::Masks) {
-            Some(film) => {
+        match self.masks().filter(|masks| masks.has_all()) {
+            Some(masks) => {
                 let side = |view: usize| side_of_tile(&data.view(view).camera);
-                (0..data.len()).map(|view| film.tiles(view, side(view))).collect()
+                (0..data.len()).map(|view| masks.tiles(view, side(view))).collect()
             }
             None => residuals.tiles(),
         }
@@ -103,7 +137,7 @@ impl Movers {
 
     /// What says what moves: motion masks where all photos have one.
     fn told_by(&self) -> ToldBy {
-        if self.film.as_ref().is_some_and(Film::knows_movers) { ToldBy::Masks } else { ToldBy::Residuals }
+        if self.masks().is_some_and(MoverMasks::has_all) { ToldBy::Masks } else { ToldBy::Residuals }
     }
 
     /// Whether it is time to look for what moves, after so many looks.
@@ -132,31 +166,36 @@ impl RaySystem {
         }
     }
 
-    /// Know the frames of these photos, where there is scene flow. What is known of them, a line each.
+    /// Know what other programs found out about these photos: with scene flow all of it, without what moves alone, and that only where
+    /// all photos have a mask. What is known, a line each.
     ///
     /// # Errors
     /// [`SystemError::Scene`] naming the file of a prior that cannot be read, or is of another shape than its photo.
     pub(crate) fn follow_film(&mut self, data: &Dataset) -> Result<Vec<String>, SystemError> {
-        let Some(movers) = self.movers.as_mut().filter(|movers| movers.config.flow.is_some()) else {
-            return Ok(Vec::new());
-        };
-        let film = Film::of(data)?;
-        let lines = film.lines();
-        movers.film = Some(film);
+        let Some(movers) = &mut self.movers else { return Ok(Vec::new()) };
+        if movers.config.flow.is_some() {
+            let film = Film::of(data)?;
+            let lines = film.lines();
+            movers.known = Some(Known::Film(film));
+            return Ok(lines);
+        }
+        let masks = MoverMasks::of(data)?;
+        let lines = masks.has_any().then(|| masks.line()).into_iter().collect();
+        movers.known = masks.has_all().then_some(Known::Masks(masks));
         Ok(lines)
     }
 
     /// Know these frames.
     #[cfg(test)]
     pub(super) fn set_film(&mut self, film: Film) {
-        self.movers.as_mut().unwrap().film = Some(film);
+        self.movers.as_mut().unwrap().known = Some(Known::Film(film));
     }
 
     /// What chunks know of scene flow in a step; `None` where nothing moves (yet), or nothing is learnt.
     pub(super) fn flow_context(&self, step: u64) -> Option<FlowContext<'_>> {
         self.field.moving.as_ref()?;
         let movers = self.movers.as_ref()?;
-        let (film, config) = (movers.film.as_ref()?, movers.config.flow.as_ref()?);
+        let (film, config) = (movers.known.as_ref()?.film()?, movers.config.flow.as_ref()?);
         let (share, from) = (self.course.done(step).share, movers.config.from());
         Some(FlowContext { film, config, step, share, from })
     }

@@ -2,7 +2,7 @@
 
 use super::budget_tests::{query, random_rays, randomised, small};
 use super::gradient_tests::{known, with_moving_part, with_scene_flow};
-use super::moving_tests::filmed;
+use super::moving_tests::{TIME_STEPS, filmed, stage_in, views};
 use super::scene_flow::Film;
 use super::{MovingConfig, MovingSettings, RayConfig, RaySystem};
 use crate::fields::MovingCells;
@@ -14,6 +14,8 @@ use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::{Query, System, TensorMap};
 use glam::DVec3;
+use image::{GrayImage, Luma};
+use tempfile::TempDir;
 
 /// A small field with a part for what moves in the second half of the schedule.
 fn config() -> RayConfig {
@@ -38,6 +40,34 @@ fn watching_by(config: RayConfig, from: u64, data: &Dataset) -> RaySystem {
     driver.follow_schedule(2 * from);
     driver.watch(data);
     driver
+}
+
+fn state(driver: &RaySystem) -> TensorMap {
+    driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
+}
+
+/// The film of [`filmed`] with a file of a motion mask for each view that has one. Of flow and disparity there is no more than a name:
+/// who reads them fails.
+fn masked(mask: impl Fn(usize) -> Option<GrayImage>) -> (TempDir, Dataset) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scene = stage_in(32, TIME_STEPS);
+    for (view, frame) in scene.frames.iter_mut().enumerate() {
+        let motion = &mut frame.priors.motion;
+        motion.forward = Some(folder.path().join("nowhere.flo"));
+        motion.disparity = Some(folder.path().join("nowhere.npy"));
+        motion.mask = mask(view).map(|mask| {
+            let path = folder.path().join(format!("moves_{view}.png"));
+            mask.save(&path).unwrap();
+            path
+        });
+    }
+    let data = views(&scene);
+    (folder, data)
+}
+
+/// A mask of which a column is as grey as that.
+fn grey(of_column: impl Fn(u32) -> u8) -> GrayImage {
+    GrayImage::from_fn(32, 32, |x, _| Luma([of_column(x)]))
 }
 
 #[test]
@@ -152,9 +182,6 @@ fn cells_of_which_nothing_came_are_given_back_and_next_to_nothing_of_the_picture
 #[test]
 fn a_resumed_run_gives_back_the_same_cells() {
     let data = filmed(16);
-    let state = |driver: &RaySystem| -> TensorMap {
-        driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
-    };
     let mut whole = reviewing(&data);
     let (mut saved, mut cells) = (Vec::new(), Vec::new());
     for step in 0..205 {
@@ -200,9 +227,6 @@ fn a_part_of_which_nothing_came_is_left_out_in_the_end() {
 #[test]
 fn a_resumed_run_looks_for_what_moves_as_if_it_had_not_stopped() {
     let data = filmed(16);
-    let state = |driver: &RaySystem| -> TensorMap {
-        driver.state().into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
-    };
     let mut whole = watching(20, &data);
     let mut saved = Vec::new();
     for step in 0..26 {
@@ -213,6 +237,115 @@ fn a_resumed_run_looks_for_what_moves_as_if_it_had_not_stopped() {
     }
     for (from, tensors) in saved {
         let mut resumed = watching(20, &data);
+        resumed.load_state(&tensors).unwrap();
+        for step in from..26 {
+            resumed.step(&data, step).unwrap();
+        }
+        assert!(state(&resumed) == state(&whole), "resumed at step {from}");
+    }
+}
+
+#[test]
+fn masks_alone_say_what_moves_and_where_without_scene_flow() {
+    // The left quarter of the first photo, and nothing in all others.
+    let (_folder, data) = masked(|view| Some(grey(|x| if view == 0 && x < 8 { 255 } else { 0 })));
+    let mut driver = watching(60, &data);
+    assert_eq!(driver.follow_film(&data).unwrap(), ["movers: as the motion masks of all photos say"]);
+    driver.rays = 1024;
+    driver.draw(&data, 0, 1).unwrap();
+    let batch = &driver.work.inputs.batch;
+    let moves = |i: usize| batch.view[i] == 0 && batch.pixel[i][0] < 8;
+    assert!((0..batch.len()).any(moves), "no pixel that moves is drawn");
+    assert!((0..batch.len()).all(|i| (batch.weight[i] == 0.0) == moves(i)), "others are left out");
+    driver.begin_movers(&data, 60).unwrap();
+    let found = driver.movers.as_ref().unwrap().found.unwrap();
+    assert!((found.tiles - 16.0 / (64.0 * 20.0)).abs() < 1e-9, "{found:?}");
+    driver.draw(&data, 60, 1).unwrap();
+    assert!(driver.work.inputs.batch.weight.iter().all(|w| *w > 0.0), "what moves counts once it has a part");
+
+    // Seen by that view, as the masks of the others take nothing away, and for two cells around.
+    let (camera, map) = (data.view(0).camera.prepare(), driver.space.map());
+    let cells = &driver.field.moving.as_ref().unwrap().cells;
+    let mut blocks = [0; 2];
+    for block in (0..MovingCells::BLOCKS).step_by(17) {
+        let (u, mut x) = (MovingCells::middle_of_block(block), [0.0; 3]);
+        map.world(&u, &mut x);
+        let pixel = camera.project(DVec3::from(x.map(f64::from))).unwrap();
+        if (0.0..8.0).contains(&pixel.x) && (0.0..32.0).contains(&pixel.y) {
+            assert!(cells.holds(u), "nothing moves at {pixel}");
+            blocks[0] += 1;
+        } else if pixel.x > 12.0 {
+            assert!(!cells.holds(u), "something moves at {pixel}");
+            blocks[1] += 1;
+        }
+    }
+    assert!(blocks.iter().all(|n| *n > 100), "{blocks:?}");
+    for step in 60..66 {
+        let stats = driver.step(&data, step).unwrap();
+        assert!(stats.loss.is_finite() && stats.nonfinite == 0, "step {step}: {stats:?}");
+    }
+    assert!(driver.movers.as_mut().unwrap().news().unwrap().contains("something moves"));
+}
+
+#[test]
+fn where_a_photo_has_no_mask_all_is_as_without_masks() {
+    let after = |mask: &dyn Fn(usize) -> Option<GrayImage>, said: &[&str]| {
+        let (_folder, data) = masked(mask);
+        let mut driver = watching(20, &data);
+        assert_eq!(driver.follow_film(&data).unwrap(), said);
+        for step in 0..24 {
+            driver.step(&data, step).unwrap();
+        }
+        state(&driver)
+    };
+    let without = after(&|_| None, &[]);
+    let said =
+        "movers: 19 of 20 photos have a motion mask, so they are found by what a still field leaves of the photos";
+    let with = after(&|view| (view != 7).then(|| grey(|_| 255)), &[said]);
+    assert!(with == without && without.contains_key("residuals.looks"));
+}
+
+#[test]
+fn where_masks_say_that_nothing_moves_the_moving_part_is_left_out() {
+    let (_folder, data) = masked(|_| Some(grey(|_| 0)));
+    let mut driver = watching(6, &data);
+    assert_eq!(driver.follow_film(&data).unwrap(), ["movers: none, as the motion masks of all photos say"]);
+    for step in 0..10 {
+        assert_eq!(driver.is_looking(), step <= 6, "step {step}");
+        assert_eq!(driver.step(&data, step).unwrap().nonfinite, 0);
+    }
+    assert!(driver.field.moving.is_none());
+    assert!(driver.movers.as_mut().unwrap().news().unwrap().contains("nothing moves"));
+}
+
+#[test]
+fn a_mask_of_another_shape_than_its_photo_is_refused_by_file() {
+    let (_folder, data) = masked(|view| Some(if view == 3 { GrayImage::new(32, 16) } else { grey(|_| 0) }));
+    let error = watching(6, &data).follow_film(&data).unwrap_err().to_string();
+    for said in ["moves_3.png", "the motion mask is 32x16 and its photo 32x32"] {
+        assert!(error.contains(said), "{error}");
+    }
+}
+
+#[test]
+fn a_resumed_run_reads_its_masks_again() {
+    let (_folder, data) = masked(|_| Some(grey(|x| if x < 12 { 255 } else { 0 })));
+    let begun = || {
+        let mut driver = watching(20, &data);
+        driver.follow_film(&data).unwrap();
+        driver
+    };
+    let (mut whole, mut saved) = (begun(), Vec::new());
+    for step in 0..26 {
+        // Before what moves has a part, right before that, and after.
+        if [7, 20, 23].contains(&step) {
+            saved.push((step, state(&whole)));
+        }
+        whole.step(&data, step).unwrap();
+    }
+    assert!(whole.field.moving.is_some());
+    for (from, tensors) in saved {
+        let mut resumed = begun();
         resumed.load_state(&tensors).unwrap();
         for step in from..26 {
             resumed.step(&data, step).unwrap();

@@ -15,7 +15,7 @@ use engine::system::{Query, System, TensorData, TensorMap};
 use glam::DVec3;
 use render_core::ray::Ray;
 use scene_io::synthetic::{OrbitOptions, orbit};
-use scene_io::{ImageStore, Split, StoreOptions};
+use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::sync::Arc;
 
 pub(super) const TIME_STEPS: usize = 20;
@@ -27,10 +27,18 @@ pub(super) fn filmed(side: u32) -> Dataset {
 
 /// A photo of each of so many time steps.
 pub(super) fn filmed_in(side: u32, train: usize) -> Dataset {
-    let options = OrbitOptions { width: side, height: side, train, test: 0, rays: 1, ..OrbitOptions::default() };
-    let scene = orbit(&options);
+    views(&stage_in(side, train))
+}
+
+/// A stage of which a photo of each of so many time steps is taken.
+pub(super) fn stage_in(side: u32, train: usize) -> Scene {
+    orbit(&OrbitOptions { width: side, height: side, train, test: 0, rays: 1, ..OrbitOptions::default() })
+}
+
+/// The training views of a scene.
+pub(super) fn views(scene: &Scene) -> Dataset {
     let store = Arc::new(ImageStore::new(&scene.frames, StoreOptions::default()).unwrap());
-    Dataset::new(&scene, store, scene.split(Split::Train).collect()).unwrap()
+    Dataset::new(scene, store, scene.split(Split::Train).collect()).unwrap()
 }
 
 fn of(config: RayConfig, data: &Dataset, time: MadeSettings) -> RaySystem {

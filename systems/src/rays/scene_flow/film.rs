@@ -4,7 +4,7 @@
 //! is such a step, also where photos in between are held out. Optical flow counts only where it goes to the neighbour: a file is of the
 //! next photo of the dataset.
 
-use crate::rays::residuals::PhotoTile;
+use crate::rays::mover_masks::MoverMasks;
 use engine::data::{Dataset, View};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,9 +19,6 @@ pub(crate) const PREVIOUS: usize = 2;
 pub(crate) const BEYOND: usize = 3;
 /// Number of passes.
 pub(crate) const PASSES: usize = 4;
-
-/// Share of a tile's pixels that move where it does.
-const OF_TILE: f32 = 0.1;
 
 /// A frame, and those beside it as passes see them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,7 +42,7 @@ impl FramePriors {
         Ok(Self {
             flow: view.source.read_flow_prior()?.resized(width, height),
             disparity: view.source.read_disparity()?.map(|disparity| disparity.resized(width, height)),
-            moves: view.source.read_motion_mask()?.map(|mask| mask.resized(width, height)),
+            moves: MoverMasks::of_view(view)?,
         })
     }
 
@@ -60,12 +57,6 @@ impl FramePriors {
         let range = self.disparity.as_ref().and_then(Disparity::range);
         range.is_some_and(|[low, high]| low < high)
     }
-
-    /// Whether the mask says that all pixels move, or that none does, as `all` says.
-    fn is_of_one(&self, all: bool) -> bool {
-        let pixels = |mask: &BitMask| u64::from(mask.width()) * u64::from(mask.height());
-        self.moves.as_ref().is_some_and(|mask| mask.count() == if all { pixels(mask) } else { 0 })
-    }
 }
 
 /// The frames of a film.
@@ -74,7 +65,9 @@ pub(crate) struct Film {
     /// `[views]`, the next frame of each and the one before.
     beside: Vec<[Option<u32>; 2]>,
     cameras: Vec<Prepared>,
+    /// `[views]`; masks are apart.
     priors: Vec<FramePriors>,
+    masks: MoverMasks,
 }
 
 /// The view of `time` whose camera is nearest.
@@ -118,7 +111,8 @@ impl Film {
                 prior.flow.backward = None;
             }
         }
-        Self { beside, cameras: data.views().iter().map(|view| view.camera.prepare()).collect(), priors }
+        let masks = MoverMasks::new(priors.iter_mut().map(|prior| prior.moves.take()).collect());
+        Self { beside, cameras: data.views().iter().map(|view| view.camera.prepare()).collect(), priors, masks }
     }
 
     /// The next frame and the one before.
@@ -173,32 +167,13 @@ impl Film {
     }
 
     /// Whether a pixel moves; `None` where no mask says so.
-    pub(crate) fn moves(&self, view: u32, [x, y]: [u16; 2]) -> Option<bool> {
-        let mask = self.priors[view as usize].moves.as_ref()?;
-        let (x, y) = (u32::from(x), u32::from(y));
-        (x < mask.width() && y < mask.height()).then(|| mask.get(x, y))
+    pub(crate) fn moves(&self, view: u32, place: [u16; 2]) -> Option<bool> {
+        self.masks.moves(view, place)
     }
 
-    /// Whether all photos have a mask of what moves.
-    pub(crate) fn knows_movers(&self) -> bool {
-        !self.priors.is_empty() && self.priors.iter().all(|prior| prior.moves.is_some())
-    }
-
-    /// The tiles of a photo, `side` pixels each way, as its mask has them; none without a mask.
-    pub(in crate::rays) fn tiles(&self, view: usize, side: u32) -> Vec<PhotoTile> {
-        let Some(mask) = &self.priors[view].moves else { return Vec::new() };
-        let (width, height, side) = (mask.width(), mask.height(), side.max(1));
-        let corners =
-            (0..height).step_by(side as usize).flat_map(|y| (0..width).step_by(side as usize).map(move |x| [x, y]));
-        corners
-            .map(|[x, y]| {
-                let [last_x, last_y] = [(x + side).min(width), (y + side).min(height)];
-                let inside = (y..last_y).flat_map(|y| (x..last_x).map(move |x| (x, y)));
-                let moving = inside.filter(|&(x, y)| mask.get(x, y)).count();
-                let pixels = (last_x - x) * (last_y - y);
-                PhotoTile { middle: [x + side / 2, y + side / 2], moves: moving as f32 > OF_TILE * pixels as f32 }
-            })
-            .collect()
+    /// What motion masks say.
+    pub(in crate::rays) fn masks(&self) -> &MoverMasks {
+        &self.masks
     }
 
     /// What is known of the frames, a line for each kind of prior.
@@ -223,17 +198,7 @@ impl Film {
             ),
             [_, some] => format!("depth: what moves is held to the disparities of {some} of {n} photos"),
         });
-        let masks = count(|prior| prior.moves.is_some());
-        let [white, black] = [count(|prior| prior.is_of_one(true)), count(|prior| prior.is_of_one(false))];
-        lines.push(match masks {
-            0 => "movers: no motion masks (`motion_masks/`), so they are found by what a still field leaves of the photos".into(),
-            some if some < n => format!(
-                "movers: {some} of {n} photos have a motion mask, so they are found by what a still field leaves of the photos"
-            ),
-            _ if white == n => "movers: everything, as the motion masks of all photos say, so the still part learns from nothing".into(),
-            _ if black == n => "movers: none, as the motion masks of all photos say".into(),
-            _ => "movers: as the motion masks of all photos say".into(),
-        });
+        lines.push(self.masks.line());
         lines
     }
 }

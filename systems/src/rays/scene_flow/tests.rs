@@ -129,16 +129,6 @@ fn plans_say_which_priors_say_nothing() {
 }
 
 #[test]
-fn tiles_move_where_enough_of_their_pixels_do() {
-    let data = of_times(2);
-    let film = Film::with(&data, known(&data));
-    let tiles = film.tiles(0, 4);
-    assert_eq!(tiles.iter().map(|tile| tile.moves).collect::<Vec<_>>(), [true, false, true, false]);
-    assert_eq!(tiles[3].middle, [6, 6]);
-    assert!(Film::with(&data, nothing(&data)).tiles(0, 4).is_empty());
-}
-
-#[test]
 fn degenerate_films_have_finite_gradients() {
     for frames in [1, 2, 3] {
         let data = of_times(frames);

@@ -4,17 +4,21 @@
 use super::{STEPS, build, trains};
 use crate::common::{QUERY, dataset, says};
 use engine::data::Dataset;
+use engine::options::Plan;
 use engine::render::render;
 use engine::system::{Query, System};
 use scene_io::synthetic::{OrbitOptions, orbit, write_blender};
 use scene_io::{BitMask, Flow, LoadOptions, Scene, load, write_flo};
-use std::fs::create_dir_all;
+use std::fs::{self, create_dir_all};
 use std::path::{Path, PathBuf};
 use stress::{Tally, Verdict, ensure};
 use tempfile::TempDir;
 
 /// Systems that learn from such files.
 const SYSTEMS: [&str; 2] = ["nsff", "dynamic-nerf"];
+
+/// A system that learns from masks of what moves alone.
+const BY_MASKS: &str = "two-parts";
 
 /// What moves comes at step 2 and is seen two frames on from then; at step 3 priors count less, and what masks say no more.
 const SET: [&str; 6] = [
@@ -26,10 +30,13 @@ const SET: [&str; 6] = [
     "batch_samples=8192",
 ];
 
+/// The same without scene flow.
+const SET_BY_MASKS: [&str; 4] = ["horizon=4", "moving_from=0.5", "batch_rays=1024", "batch_samples=8192"];
+
 /// Side of a photo, pixels.
 const SIDE: u32 = 16;
 
-/// What is promised of both systems on a film.
+/// What is promised of a system on a film.
 struct Case {
     what: &'static str,
     frames: usize,
@@ -102,6 +109,7 @@ fn film(frames: usize, write: impl Fn(&Path, usize)) -> Result<(TempDir, Scene),
 
 const NO_FLOW: &str = "no optical flow to the neighbouring photos (`flow/`), so nothing is held to it";
 const MASKS: &str = "movers: as the motion masks of all photos say";
+const REFUSED: &str = "one line with the file and both sizes";
 
 fn films() -> Vec<Case> {
     let case = |what, write: fn(&Path, usize), told| Case { what, frames: 6, write, told, moves: Some(true) };
@@ -178,6 +186,51 @@ fn films() -> Vec<Case> {
     ]
 }
 
+/// Flow and disparity that cannot be read, and masks.
+fn broken_but_masks(folder: &Path, frame: usize) {
+    for file in [format!("flow/{}_fwd.flo", name(frame)), format!("disp/{}.npy", name(frame))] {
+        fs::write(place(folder, file), "neither").unwrap();
+    }
+    mask(folder, frame, left);
+}
+
+/// What is promised where masks alone are looked at.
+fn films_by_masks() -> Vec<Case> {
+    let case = |what, write: fn(&Path, usize), told| Case { what, frames: 6, write, told, moves: Some(true) };
+    let half: fn(&Path, usize) = |folder, k| {
+        if k % 2 == 0 {
+            mask(folder, k, left);
+        }
+    };
+    vec![
+        Case { moves: None, ..case("no file at all", |_, _| {}, &[]) },
+        case("flow and disparity that cannot be read", broken_but_masks, &[MASKS]),
+        Case {
+            moves: Some(false),
+            ..case("nothing moves", |folder, k| mask(folder, k, |_, _| false), &["movers: none, as the motion masks"])
+        },
+        case("everything moves", |folder, k| mask(folder, k, |_, _| true), &["movers: everything"]),
+        case("one frame moves as a whole", |folder, k| mask(folder, k, |_, _| k == 2), &[MASKS]),
+        Case {
+            moves: None,
+            ..case(
+                "masks of half of the photos",
+                half,
+                &["movers: 3 of 6 photos have a motion mask, so they are found"],
+            )
+        },
+        Case { moves: None, frames: 1, ..case("one frame", all, &[MASKS]) },
+    ]
+}
+
+/// The plan says of such files what is promised, and no more.
+fn says_only(plan: &Plan, told: &[&str]) -> Verdict {
+    let of_files = |line: &&String| ["movers:", "scene flow:", "depth:"].iter().any(|of| line.starts_with(of));
+    let said: Vec<&String> = plan.lines.iter().filter(of_files).collect();
+    let is_told = said.len() == told.len() && said.iter().zip(told).all(|(line, part)| line.starts_with(part));
+    ensure(is_told, || format!("says {said:?} instead of {told:?}"))
+}
+
 /// A part for what moves is there, or nothing is; each is told.
 fn found(system: &mut dyn System, data: &Dataset, moves: bool) -> Verdict {
     let has_part = system.state().iter().any(|tensor| tensor.name == "moving.cells");
@@ -206,6 +259,16 @@ pub(crate) fn cases(tally: &mut Tally) {
             });
         }
     }
+    for Case { what, frames, write, told, moves } in films_by_masks() {
+        tally.case(format!("{BY_MASKS}, {what}"), "the plan says so of masks alone; trains, everything finite", || {
+            let (_folder, scene) = film(frames, write)?;
+            let data = dataset(&scene);
+            let (mut system, plan) = build(BY_MASKS, &scene, &data, &SET_BY_MASKS).map_err(|e| e.to_string())?;
+            says_only(&plan, told)?;
+            trains(system.as_mut(), &data, STEPS)?;
+            moves.map_or(Ok(()), |moves| found(system.as_mut(), &data, moves))
+        });
+    }
     type Write = fn(&Path);
     let write: [(&str, Write); 3] = [
         ("flow", |folder| flow_of(folder, "r_002_fwd", [SIDE, SIDE / 2], [1.0, 0.0], true)),
@@ -213,14 +276,18 @@ pub(crate) fn cases(tally: &mut Tally) {
         ("motion mask", |folder| grey_of(folder, "motion_masks/r_002.png".into(), [SIDE, SIDE / 2], |_, _| 0)),
     ];
     for (what, write) in write {
+        let refused = |name: &str, set: &[&str]| -> Verdict {
+            let (_folder, scene) = film(4, |folder, _| write(folder))?;
+            match build(name, &scene, &dataset(&scene), set) {
+                Err(e) => says(&e, &[what, "r_002", "16x8", "16x16"]),
+                Ok(_) => Err("taken".into()),
+            }
+        };
         for name in SYSTEMS {
-            tally.case(format!("{name}, {what} of the wrong size"), "one line with the file and both sizes", || {
-                let (_folder, scene) = film(4, |folder, _| write(folder))?;
-                match build(name, &scene, &dataset(&scene), &SET) {
-                    Err(e) => says(&e, &[what, "r_002", "16x8", "16x16"]),
-                    Ok(_) => Err("taken".into()),
-                }
-            });
+            tally.case(format!("{name}, {what} of the wrong size"), REFUSED, || refused(name, &SET));
+        }
+        if what == "motion mask" {
+            tally.case(format!("{BY_MASKS}, {what} of the wrong size"), REFUSED, || refused(BY_MASKS, &SET_BY_MASKS));
         }
     }
 }
