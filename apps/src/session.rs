@@ -102,6 +102,7 @@ pub(crate) fn data_options(data: &Data) -> DataOptions {
             folder => absolute(Path::new(folder)).display().to_string(),
         }),
         mask_white: data.mask_white.clone(),
+        priors: data.priors.as_deref().map(absolute),
         missing_images: data.missing_images.clone(),
         scales: None,
         image_memory: data.image_memory,

@@ -3,7 +3,8 @@
 use crate::error::RunError;
 use crate::options::DataOptions;
 use scene_io::synthetic::{
-    MouthOptions, OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, mouth, orbit, plaza, tabletop, tissue,
+    Drawn, Mouth, MouthOptions, Orbit, OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, mouth, orbit, plaza,
+    tabletop, tissue,
 };
 use scene_io::{Depth, PerturbationKind, Report, Scene, TrainPhotos};
 use std::path::Path;
@@ -25,7 +26,7 @@ pub fn load(spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
         return Ok(scene_io::perturb(load(inner, data)?, what, SEED));
     }
     match spec.strip_prefix(SYNTHETIC) {
-        Some(name) => validated(synthetic(name, data)?, data),
+        Some(name) => as_asked(synthetic(name, data)?, data),
         None => Ok(scene_io::load(Path::new(spec), &data.load_options()?)?),
     }
 }
@@ -56,7 +57,7 @@ pub fn check(spec: &str, data: &DataOptions, depth: Depth) -> Result<Report, Run
         return Ok(report);
     }
     match spec.strip_prefix(SYNTHETIC) {
-        Some(name) => Ok(Report::new(validated(synthetic(name, data)?, data)?, Vec::new(), depth)),
+        Some(name) => Ok(Report::new(as_asked(synthetic(name, data)?, data)?, Vec::new(), depth)),
         None => Ok(scene_io::check(Path::new(spec), &data.load_options()?, depth)),
     }
 }
@@ -74,13 +75,33 @@ fn perturbed(spec: &str) -> Result<Option<(PerturbationKind, &str)>, RunError> {
     Ok(Some((what, inner)))
 }
 
-/// A scene that was not read from files, with the views held out that `--validation` asks for. Before anything is perturbed: a
-/// view that is measured stays as it is.
-fn validated(mut scene: Scene, data: &DataOptions) -> Result<Scene, RunError> {
+/// A scene that was not read from files, with the priors of the folder that `--priors` names, and the views held out that
+/// `--validation` asks for. Before anything is perturbed: a view that is measured stays as it is.
+///
+/// # Errors
+/// [`RunError::Scene`] for a folder that holds nothing of any training view, and for views that cannot be held out;
+/// [`RunError::Option`] for words that mean nothing.
+pub fn as_asked(mut scene: Scene, data: &DataOptions) -> Result<Scene, RunError> {
+    if let Some(folder) = &data.priors {
+        scene.take_priors(folder)?;
+    }
     if let Some(validation) = data.validation()? {
         scene.hold_for_validation(&validation)?;
     }
     Ok(scene)
+}
+
+/// The scene behind `synthetic:orbit` or `synthetic:mouth`, which is known exactly at every time; `None` for all other words.
+#[must_use]
+pub fn drawn(spec: &str) -> Option<Drawn> {
+    match spec.strip_prefix(SYNTHETIC)? {
+        "orbit" => {
+            let OrbitOptions { seed, motion, .. } = OrbitOptions::default();
+            Some(Drawn::Orbit(Orbit::new(seed, motion)))
+        }
+        "mouth" => Some(Drawn::Mouth(Mouth::new(MouthOptions::default().seed))),
+        _ => None,
+    }
 }
 
 fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
@@ -121,6 +142,30 @@ mod tests {
         assert!(error.contains("`synthetic:mouth`"), "{error}");
         let holdout = DataOptions { holdout: Some("every:8".into()), ..DataOptions::default() };
         assert!(matches!(load("synthetic:mouth", &holdout), Err(RunError::Option(_))));
+    }
+
+    #[test]
+    fn scenes_of_no_files_take_priors_from_a_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let data = DataOptions { priors: Some(folder.path().to_path_buf()), ..DataOptions::default() };
+        let error = load("synthetic:tabletop", &data).unwrap_err().to_string();
+        assert!(error.contains("`--priors`") && error.contains("holds no flow"), "{error}");
+        let mask = folder.path().join("motion_masks/train/r_000.png");
+        std::fs::create_dir_all(mask.parent().unwrap()).unwrap();
+        std::fs::write(&mask, "").unwrap();
+        let scene = load("synthetic:tabletop", &data).unwrap();
+        let found: Vec<_> = scene.frames.iter().filter_map(|frame| frame.priors.motion.mask.as_ref()).collect();
+        assert_eq!(found, [&mask]);
+    }
+
+    #[test]
+    fn two_words_name_scenes_that_are_known_at_every_time() {
+        for word in ["synthetic:orbit", "synthetic:mouth"] {
+            assert_eq!(drawn(word).unwrap().at(0.25).time(), 0.25);
+        }
+        for word in ["orbit", "synthetic:tabletop", "synthetic:tissue", "perturbed:o:synthetic:orbit", ""] {
+            assert!(drawn(word).is_none(), "{word}");
+        }
     }
 
     #[test]

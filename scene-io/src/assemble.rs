@@ -3,6 +3,7 @@
 //! Every dialect ends here, so that all treat missing, duplicate and wrongly sized images alike.
 
 use crate::files::with_image_extension;
+use crate::given_priors;
 use crate::limits::{check_camera, is_depth_range};
 use crate::listing::listing;
 use crate::mask_files::find_mask;
@@ -70,6 +71,9 @@ pub(crate) fn assemble(reading: &Reading, options: &LoadOptions) -> Assembled {
             _ => "an ignore mask",
         };
         out.notes.push(format!("{masked} of {} frames have {kind}", out.frames.len()));
+    }
+    if let Some(folder) = &options.priors {
+        given_priors::put(&reading.root, &mut out.frames, folder);
     }
     note_priors(&mut out);
     note_mended(&unique, &mut out);

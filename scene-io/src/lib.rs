@@ -6,8 +6,8 @@
 //!   cameras.
 //! * The scene: [`Scene`], [`Frame`], [`Priors`], and [`Truth`], which is for scoring only.
 //! * Pictures: [`Scene::picture`] decodes one photo; [`ImageStore`] decodes many on demand, within [`DecodeMemory`]; [`Size`].
-//! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`Disparity`], [`BitMask`]; [`write_flo`]. Points that are
-//!   followed: [`SceneFlow`].
+//! * Maps beside photos: [`DepthMap`], [`Segments`], [`Features`], [`Flow`], [`Disparity`], [`BitMask`]; [`write_flo`], [`write_disparity`].
+//!   Points that are followed: [`SceneFlow`].
 //! * Splats: [`read_splats`] and [`write_splats`] (PLY, SPLAT, SPZ).
 //! * Writing: [`export`] (meshes as PLY, OBJ and GLB, points, cameras), [`colmap`].
 //! * Drawn scenes with exact truth: [`synthetic`]; photos with known damage: [`perturb()`].
@@ -43,12 +43,14 @@ pub mod colmap;
 mod decode_memory;
 mod depth;
 mod detect;
+mod disparity_files;
 mod endonerf;
 mod error;
 pub mod export;
 mod files;
 mod flow_files;
 mod frame_files;
+mod given_priors;
 mod hash;
 mod image_store;
 mod images_folder;
@@ -63,6 +65,7 @@ mod naming;
 mod nerfies;
 mod nerfstudio;
 mod npy;
+mod npy_writer;
 mod npz;
 mod nr_nerf;
 mod options;
@@ -93,6 +96,7 @@ pub use check::{Depth, DepthSummary, MotionSummary, Report, check};
 pub use decode_memory::{DecodeMemory, available_bytes};
 pub use depth::{DepthMap, DepthMeaning, DepthPlace, DepthSource};
 pub use detect::lacks_cameras;
+pub use disparity_files::write_disparity;
 pub use error::{ErrorKind, Place, Problem, SceneError, Severity, one_line};
 pub use flow_files::write_flo;
 pub use frame_files::refuse_blank_masks;

@@ -7,7 +7,7 @@ use crate::reading::{Need, Reading};
 use crate::validation;
 use crate::{
     Dialect, ErrorKind, LayoutHint, LoadOptions, Problem, Scene, SceneError, Severity, blender, colmap, endonerf,
-    instant_ngp, llff, naming, nerfies, nerfstudio, nr_nerf, splits, time,
+    given_priors, instant_ngp, llff, naming, nerfies, nerfstudio, nr_nerf, splits, time,
 };
 use std::path::Path;
 
@@ -83,6 +83,9 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions, need: Need) -> Result
     let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes).and_then(|()| {
         options.validation.as_ref().map_or(Ok(()), |v| validation::apply(&root, &mut frames, v, &mut notes))
     });
+    // As an empty split: what is missing may be missing with frames that are broken.
+    let split = split
+        .and_then(|()| options.priors.as_ref().map_or(Ok(()), |folder| given_priors::refuse_nothing(&frames, folder)));
     time::tell(&frames, &mut notes);
     // Names in files may hold line ends, and what terminals obey.
     notes.iter_mut().for_each(|note| *note = one_line(note).into_owned());

@@ -25,6 +25,9 @@ pub struct LoadOptions {
     pub masks: Masks,
     /// What white means in them. EndoNeRF's masks are [`MaskPolarity::WhiteIsIgnored`] by themselves.
     pub mask_polarity: MaskPolarity,
+    /// Folder of optical flow, disparities and motion masks, in folders of their usual names and by the photos' places in the dataset, as
+    /// `nerf-dynamic priors` writes it; `None`: those beside the photos.
+    pub priors: Option<PathBuf>,
     /// Longest image side wanted: picks among `images`, `images_2`, `images_4`, … the smallest folder that has it.
     pub longest_side: Option<u32>,
     /// What to do about images that are listed and not there; `None`: as the dialect's own tools do (instant-ngp skips
@@ -73,6 +76,12 @@ impl LoadOptions {
     #[must_use]
     pub fn with_mask_polarity(self, mask_polarity: MaskPolarity) -> Self {
         Self { mask_polarity, ..self }
+    }
+
+    /// The same with priors of motion from a folder; [`LoadOptions::priors`].
+    #[must_use]
+    pub fn with_priors(self, priors: impl Into<Option<PathBuf>>) -> Self {
+        Self { priors: priors.into(), ..self }
     }
 
     /// The same for images of another size; [`LoadOptions::longest_side`].

@@ -40,7 +40,14 @@ const WORDS: [Words; 4] = [
         families: &[Family::Moving],
         apps: "nerf-dynamic",
         why: "no system of its is named here, so the scene stands still",
-        words: &[("render", Some("time")), ("export", Some("time")), ("priors", None)],
+        words: &[
+            ("render", Some("time")),
+            ("export", Some("time")),
+            ("priors", None),
+            ("check", Some("priors")),
+            ("train", Some("priors")),
+            ("eval", Some("priors")),
+        ],
     },
     Words {
         families: &[Family::Static],

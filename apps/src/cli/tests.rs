@@ -103,6 +103,12 @@ fn priors_are_a_word_of_scenes_that_move() {
         assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-dynamic"), "{line}: {error}");
     }
     assert!(read(&DYNAMIC_APP, "priors").is_err() && read(&DYNAMIC_APP, "priors s --frames 1").is_err());
+    for line in ["priors s --exact --out d", "check s --priors d", "train s --out d --priors e", "eval f --priors e"] {
+        read(&DYNAMIC_APP, line).unwrap_or_else(|e| panic!("{line}: {e}"));
+        let error = read(&WILD_APP, line).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("word of nerf-dynamic"), "{line}: {error}");
+    }
+    assert!(read(&STATIC, "train s --out d --system nsff --priors e").is_ok(), "the system is one of nerf-dynamic");
 }
 
 #[test]

@@ -51,8 +51,8 @@ pub(crate) struct Prepare {
 pub(crate) struct Priors {
     /// Dataset folder or file with cameras, or a `synthetic:` scene (see `check`)
     pub(crate) scene: String,
-    /// Folder of the files (default: `priors` in the folder of the scene, which is read with it); a second call goes on where an
-    /// earlier one ended
+    /// Folder of the files (default: `priors` in the folder of the scene, which is read with it; `check` and `train` read another one with
+    /// `--priors DIR`); a second call goes on where an earlier one ended
     ///
     /// `flow/NAME_fwd.flo` and `flow/NAME_bwd.flo` lead from a training photo to the next one in time and to the one before, `1e10` where
     /// that does not show the same; `motion_masks/NAME.png` is 255 where something moves, 0 where nothing does, 127 where nothing is
@@ -62,6 +62,13 @@ pub(crate) struct Priors {
     /// Only the first N training photos in time
     #[arg(long, value_name = "N", value_parser = at_least_two)]
     pub(crate) frames: Option<usize>,
+    /// Write what is exactly known instead of what photos tell, of `synthetic:orbit` and `synthetic:mouth`; disparities, too, as
+    /// `disp/NAME.npy`
+    ///
+    /// Flow is `1e10` where nothing is seen and where the other photo does not show the same point, disparity is 1 / depth and NaN where
+    /// nothing is seen, and masks are 255 wherever a pixel shows anything of a thing that moves at some time.
+    #[arg(long)]
+    pub(crate) exact: bool,
     #[command(flatten)]
     pub(crate) data: Data,
 }
@@ -191,6 +198,9 @@ pub(crate) struct Data {
     /// The default is `used`, but for masks that all show one thing at one place: those are taken for `object`, with a warning.
     #[arg(long, value_name = "MEANING", value_parser = ["used", "ignored", "object"])]
     pub(crate) mask_white: Option<String>,
+    /// Folder of optical flow, disparities and motion masks, as `priors --out` fills one (default: those beside the photos)
+    #[arg(long, value_name = "DIR")]
+    pub(crate) priors: Option<PathBuf>,
     /// Images that are listed and missing: `refuse` or `skip`
     #[arg(long, value_name = "WHAT", value_parser = ["refuse", "skip"])]
     pub(crate) missing_images: Option<String>,

@@ -57,6 +57,26 @@ fn few_photos_smaller_ones_and_another_folder_can_be_asked_for() {
 }
 
 #[test]
+fn what_is_known_exactly_of_a_drawn_scene_is_written_and_read_from_another_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("exact");
+    let words = ["priors", "synthetic:orbit", "--exact", "--out", text(&out), "--frames", "3", "--longest-side", "32"];
+    let answer = nerf_dynamic(&words);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.out.contains("3 photos: ") && answer.out.contains("exact flow, disparities"), "{}", answer.out);
+    let disparity = fs::read(out.join("disp/train/r_002.npy")).unwrap();
+    assert_eq!((&disparity[..6], disparity.len()), (b"\x93NUMPY".as_slice(), 128 + 4 * 32 * 32));
+    let words = ["check", "synthetic:orbit", "--quick", "--priors", text(&out)];
+    let check = nerf_dynamic(&words);
+    assert_eq!(check.code, 0, "{}", check.out);
+    for part in ["flow to the next photo of 2", "flow to the photo before of 2", "disparity of 3", "what moves of 3"] {
+        assert!(check.out.contains(part), "{part}: {}", check.out);
+    }
+    let answer = nerf(&words);
+    assert!(answer.code == 2 && answer.err.contains("`--priors` is a word of nerf-dynamic"), "{}", answer.err);
+}
+
+#[test]
 fn a_camera_that_stands_still_is_warned_of() {
     let (_folder, scene) = video(OrbitCamera::Frozen);
     let answer = nerf_dynamic(&["priors", text(&scene)]);
@@ -67,11 +87,14 @@ fn a_camera_that_stands_still_is_warned_of() {
 #[test]
 fn what_is_wrong_is_said_in_one_line() {
     let (folder, scene) = video(OrbitCamera::Walking);
-    let foreign = folder.path().join("foreign");
+    let [foreign, run] = ["foreign", "run"].map(|name| folder.path().join(name));
     fs::create_dir_all(foreign.join("flow")).unwrap();
     fs::write(foreign.join("flow/r_000_fwd.flo"), b"of a network").unwrap();
     for (words, part) in [
         (&["priors", "synthetic:orbit"][..], "--out"),
+        (&["priors", "synthetic:tabletop", "--exact", "--out", "d"], "`synthetic:orbit` and `synthetic:mouth` are"),
+        (&["priors", text(&scene), "--exact"], "is not known exactly"),
+        (&["train", text(&scene), "--out", text(&run), "--priors", text(&run)], "holds no flow"),
         (&["priors", text(&scene), "--out", text(&foreign)], "not made by `priors`"),
         (&["priors", "/nowhere"], "/nowhere"),
     ] {

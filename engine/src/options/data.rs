@@ -38,6 +38,9 @@ pub struct DataOptions {
     /// of the photos (`run::mask_meaning`) and writes down what it took them for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mask_white: Option<String>,
+    /// Folder of optical flow, disparities and motion masks, as `nerf-dynamic priors` fills one; absent: those beside the photos.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub priors: Option<PathBuf>,
     /// What to do about images that are listed and missing: `refuse` or `skip`; absent: as the format's own tools do.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missing_images: Option<String>,
@@ -82,6 +85,7 @@ impl DataOptions {
                 Some("object") => MaskPolarity::WhiteIsObject,
                 Some(other) => return word("--mask-white", other, "used, ignored, object"),
             })
+            .with_priors(self.priors.clone())
             .with_longest_side(self.longest_side)
             .with_missing_images(match self.missing_images.as_deref() {
                 None => None,

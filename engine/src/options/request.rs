@@ -89,6 +89,7 @@ impl Request {
         agree("--images", shown(&given.images).as_ref(), shown(&data.images).as_ref())?;
         agree("--masks", given.masks.as_ref(), data.masks.as_ref())?;
         agree("--mask-white", given.mask_white.as_ref(), data.mask_white.as_ref())?;
+        agree("--priors", shown(&given.priors).as_ref(), shown(&data.priors).as_ref())?;
         agree("--missing-images", given.missing_images.as_ref(), data.missing_images.as_ref())?;
         agree("--scales", given.scales.as_ref(), Some(&data.scales.unwrap_or(1)))?;
         let memory = data.image_memory.unwrap_or(IMAGE_MEMORY_MIB);

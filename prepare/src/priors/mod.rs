@@ -1,5 +1,6 @@
-//! Priors of a scene that moves and has none: flow to the neighbours in time, and what moves.
+//! Priors of a scene that moves and has none: flow to the neighbours in time, and what moves; of a drawn scene exactly, with disparities.
 
+mod exact;
 mod mask;
 mod names;
 mod neighbours;
@@ -12,10 +13,12 @@ use crate::error::PrepareError;
 use crate::motion::{Motion, Neighbour, motion};
 use crate::stage::{Stages, State, hash, hash_bytes, stamp};
 use crate::watch::{Event, Meter, Watch};
-use names::{FLOW, Files, MADE, MASKS};
+use exact::Exact;
+use names::{DISPARITY, EXACT, FLOW, Files, MADE, MASKS};
 use neighbours::Place;
 use pairs::{Pair, Pairs};
-use scene_io::{Frame, ImageSource, ImageStore, Scene, StoreOptions, write_flo};
+use scene_io::synthetic::Drawn;
+use scene_io::{Frame, ImageSource, ImageStore, Scene, StoreOptions, write_disparity, write_flo};
 use std::path::{Path, PathBuf};
 use summary::Found;
 
@@ -23,12 +26,15 @@ use summary::Found;
 const PHOTO_BYTES: u64 = 256 << 20;
 /// What is made, and how: another version is made anew.
 const VERSION: &str = "flow and masks 1";
+const EXACT_VERSION: &str = "exact flow, masks and disparities 1";
 
 /// Which priors are to be made.
 #[derive(Clone, Debug)]
 pub struct PriorsRequest<'a> {
     /// The scene; its training photos are in the order of time.
     pub scene: &'a Scene,
+    /// What the scene was drawn from: priors are exact then, and there are disparities. `None`: they are what the photos tell.
+    pub exact: Option<&'a Drawn>,
     /// Folder of the priors.
     pub out: PathBuf,
     /// Only the first training photos in time; `None`: all.
@@ -47,7 +53,8 @@ struct Job<'a> {
 }
 
 /// Writes flow between neighbouring training photos (`flow/NAME_fwd.flo`, `flow/NAME_bwd.flo`) and what moves in each (`motion_masks/NAME.png`: 255
-/// moves, 0 stays, 127 was not judged) into a folder. What is there and was made from the same photos and cameras is kept.
+/// moves, 0 stays, 127 was not judged) into a folder; where priors are exact, disparities as well (`disp/NAME.npy`). What is there and was made from
+/// the same photos and cameras is kept.
 ///
 /// # Errors
 /// [`PrepareError`], with what to do about it.
@@ -58,19 +65,21 @@ pub fn priors(request: &PriorsRequest<'_>, watch: &mut dyn Watch) -> Result<Prio
         let what = format!("has {} training photos", places.len());
         return Err(PrepareError::input(&scene.root, what, "flow needs two at least"));
     }
-    let stages = Stages { folder: request.out.join(MADE) };
-    claim(&request.out, &stages.folder)?;
+    let kind = Kind::of(request);
+    let stages = Stages { folder: request.out.join(kind.markers) };
+    claim(&request.out, kind)?;
     let options = StoreOptions::default().with_longest_side(request.longest_side).with_budget_bytes(PHOTO_BYTES);
     let photos = ImageStore::new(&scene.frames, options)?;
     photos.check_sizes()?;
     let jobs = jobs(request, &photos, &places)?;
-    let mut found: Vec<Option<Found>> = jobs.iter().map(|job| done(job, &request.out, &stages)).collect();
+    let mut found: Vec<Option<Found>> = jobs.iter().map(|job| done(job, request, &stages)).collect();
     let kept = found.iter().flatten().count();
     if kept > 0 {
         watch.event(Event::Note(&format!("priors: {kept} of {} photos done before", jobs.len())));
     }
-    let mut meter = Meter::new("flow and masks", jobs.len() - kept);
-    let (mut pairs, mut made) = (Pairs::new(&photos), 0);
+    let mut meter = Meter::new(kind.stage, jobs.len() - kept);
+    let exact = request.exact.map(|drawn| Exact::new(drawn, &scene.frames, &photos));
+    let (mut pairs, mut made) = (Pairs::new(&photos, exact), 0);
     for (job, found) in jobs.iter().zip(&mut found).filter(|(_, found)| found.is_none()) {
         if watch.stop_asked() {
             return Err(PrepareError::Stopped);
@@ -81,20 +90,62 @@ pub fn priors(request: &PriorsRequest<'_>, watch: &mut dyn Watch) -> Result<Prio
     }
     let photos: Vec<(&str, Found)> =
         jobs.iter().zip(found).map(|(job, found)| (job.frame.name.as_str(), found.unwrap_or_default())).collect();
-    Ok(PriorsSummary::of(&photos, kept))
+    Ok(PriorsSummary::of(&photos, kept, request.exact.is_some()))
 }
 
-/// Priors that other programs made are left alone.
-fn claim(out: &Path, made: &Path) -> Result<(), PrepareError> {
+/// Where priors come from: a folder holds those of one kind.
+#[derive(Clone, Copy)]
+struct Kind {
+    /// The command that makes them.
+    words: &'static str,
+    /// Folder of the markers.
+    markers: &'static str,
+    /// Folders of the files.
+    folders: &'static [&'static str],
+    version: &'static str,
+    /// In lines of progress.
+    stage: &'static str,
+}
+
+/// From the photos.
+const OF_PHOTOS: Kind =
+    Kind { words: "priors", markers: MADE, folders: &[FLOW, MASKS], version: VERSION, stage: "flow and masks" };
+/// From what the scene was drawn from.
+const OF_DRAWN: Kind = Kind {
+    words: "priors --exact",
+    markers: EXACT,
+    folders: &[FLOW, MASKS, DISPARITY],
+    version: EXACT_VERSION,
+    stage: "exact priors",
+};
+
+impl Kind {
+    fn of(request: &PriorsRequest<'_>) -> Self {
+        if request.exact.is_some() { OF_DRAWN } else { OF_PHOTOS }
+    }
+
+    /// The kind that this is not.
+    fn other(self) -> Self {
+        if self.markers == EXACT { OF_PHOTOS } else { OF_DRAWN }
+    }
+}
+
+/// Priors that other programs made are left alone, and so are those of the other kind: files of both would be read together.
+fn claim(out: &Path, kind: Kind) -> Result<(), PrepareError> {
+    const REMEDY: &str = "give another folder as --out, or move it away";
+    let (made, other) = (out.join(kind.markers), kind.other());
+    if out.join(other.markers).is_dir() {
+        return Err(PrepareError::input(out, format!("holds what `{}` made", other.words), REMEDY));
+    }
     if !made.is_dir() {
-        for folder in [FLOW, MASKS].map(|name| out.join(name)) {
+        for folder in kind.folders.iter().map(|name| out.join(name)) {
             if std::fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_some()) {
-                let remedy = "give another folder as --out, or move it away";
-                return Err(PrepareError::input(folder, "holds files that were not made by `priors`", remedy));
+                let what = format!("holds files that were not made by `{}`", kind.words);
+                return Err(PrepareError::input(folder, what, REMEDY));
             }
         }
     }
-    std::fs::create_dir_all(made).map_err(PrepareError::io(made, "make the folder"))
+    std::fs::create_dir_all(&made).map_err(PrepareError::io(&made, "make the folder"))
 }
 
 /// What each photo needs, in the order of time.
@@ -103,10 +154,11 @@ fn jobs<'a>(request: &PriorsRequest<'a>, photos: &ImageStore, places: &[Place]) 
     // Of all photos: names depend neither on the split nor on how many are asked for.
     let lies: Vec<PathBuf> = frames.iter().map(|frame| lies(&request.scene.root, frame)).collect();
     let files = Files::of(&request.out, &lies)?;
+    let version = Kind::of(request).version;
     let about = |i: usize| format!("{} {:?}", photo_stamp(&frames[i]), photos.camera(i));
     let job = |place: &Place| {
         let [before, after] = [place.before, place.after].map(|i| i.map_or_else(|| "none".into(), about));
-        let inputs = hash([VERSION.to_owned(), about(place.frame), before, after]);
+        let inputs = hash([version.to_owned(), about(place.frame), before, after]);
         Job { frame: &frames[place.frame], place: *place, files: files[place.frame].clone(), inputs }
     };
     Ok(places.iter().map(job).collect())
@@ -132,13 +184,14 @@ fn photo_stamp(frame: &Frame) -> String {
 }
 
 /// What an earlier call found out about a photo, if it had the same inputs and its files are there.
-fn done(job: &Job<'_>, out: &Path, stages: &Stages) -> Option<Found> {
+fn done(job: &Job<'_>, request: &PriorsRequest<'_>, stages: &Stages) -> Option<Found> {
     let State::Done(facts) = stages.state(&job.files.stage, &job.inputs) else { return None };
-    let Files { forward, backward, mask, .. } = &job.files;
-    let is_there = |file: &Path, is_wanted: bool| !is_wanted || out.join(file).is_file();
+    let Files { forward, backward, mask, disparity, .. } = &job.files;
+    let is_there = |file: &Path, is_wanted: bool| !is_wanted || request.out.join(file).is_file();
     let all = is_there(forward, job.place.after.is_some())
         && is_there(backward, job.place.before.is_some())
-        && is_there(mask, true);
+        && is_there(mask, true)
+        && is_there(disparity, request.exact.is_some());
     if all { serde_json::from_value(facts).ok() } else { None }
 }
 
@@ -161,7 +214,13 @@ fn make(job: &Job<'_>, out: &Path, stages: &Stages, pairs: &mut Pairs<'_>) -> Re
         .into_iter()
         .filter_map(|(i, flow)| Some(Neighbour { camera: pairs.camera(i?), flow: flow? }))
         .collect();
-    let moves = motion(pairs.camera(frame), &neighbours);
+    let moves = match pairs.exact() {
+        Some(exact) => {
+            write_disparity(&out.join(&job.files.disparity), &exact.disparity(frame)?)?;
+            exact.motion(frame)?
+        }
+        None => motion(pairs.camera(frame), &neighbours),
+    };
     mask::write_motion(&out.join(&job.files.mask), &moves)?;
     let found = found(&moves, &neighbours);
     let facts = serde_json::to_value(&found).unwrap_or_default();

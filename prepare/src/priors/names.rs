@@ -9,8 +9,11 @@ use std::path::{Component, Path, PathBuf};
 pub(super) const FLOW: &str = "flow";
 /// What moves, in it.
 pub(super) const MASKS: &str = "motion_masks";
-/// Markers of what is done, in it.
+/// Disparities, in it: exact ones.
+pub(super) const DISPARITY: &str = "disp";
+/// Markers of what is done, in it: of what photos tell, and of what is exact.
 pub(super) const MADE: &str = "made";
+pub(super) const EXACT: &str = "exact";
 
 /// Grey of a mask: moves, stays, was not judged. The last is below one half, so that programs which know two kinds take it for what stays.
 pub(super) const MOVES: u8 = 255;
@@ -26,6 +29,8 @@ pub(super) struct Files {
     pub(super) backward: PathBuf,
     /// What moves.
     pub(super) mask: PathBuf,
+    /// Disparity, where it is known.
+    pub(super) disparity: PathBuf,
     /// The photo's name as that of a stage.
     pub(super) stage: String,
 }
@@ -53,6 +58,7 @@ impl Files {
                 forward: Path::new(FLOW).join(format!("{short}_fwd.flo")),
                 backward: Path::new(FLOW).join(format!("{short}_bwd.flo")),
                 mask: Path::new(MASKS).join(format!("{short}.png")),
+                disparity: Path::new(DISPARITY).join(format!("{short}.npy")),
                 stage: short,
             });
         }
@@ -85,6 +91,7 @@ mod tests {
         assert_eq!(files[0].forward, Path::new("flow/00001_fwd.flo"));
         assert_eq!(files[1].backward, Path::new("flow/r_000_bwd.flo"));
         assert_eq!(files[2].mask, Path::new("motion_masks/c.1.png"));
+        assert_eq!(files[1].disparity, Path::new("disp/r_000.npy"));
     }
 
     #[test]

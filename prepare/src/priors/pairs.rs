@@ -1,5 +1,6 @@
 //! Flow between pairs of photos, each pair once.
 
+use super::exact::Exact;
 use crate::error::PrepareError;
 use crate::flow::flow_both_ways;
 use render_core::camera::Camera;
@@ -12,6 +13,8 @@ const KEPT: usize = 2;
 /// Flow between photos, found when it is asked for.
 pub(super) struct Pairs<'a> {
     photos: &'a ImageStore,
+    /// Who knows it exactly; `None`: the photos are compared.
+    exact: Option<Exact<'a>>,
     kept: Vec<Pair>,
 }
 
@@ -36,8 +39,13 @@ impl Pair {
 }
 
 impl<'a> Pairs<'a> {
-    pub(super) fn new(photos: &'a ImageStore) -> Self {
-        Self { photos, kept: Vec::new() }
+    pub(super) fn new(photos: &'a ImageStore, exact: Option<Exact<'a>>) -> Self {
+        Self { photos, exact, kept: Vec::new() }
+    }
+
+    /// Who knows everything exactly.
+    pub(super) fn exact(&self) -> Option<Exact<'a>> {
+        self.exact
     }
 
     /// The camera of a photo, at the size of its flow.
@@ -50,8 +58,11 @@ impl<'a> Pairs<'a> {
         if let Some(known) = self.kept.iter().find(|pair| (pair.from, pair.to) == (from, to)) {
             return Ok(known.clone());
         }
-        let (first, second) = (self.photos.get(from)?, self.photos.get(to)?);
-        let pair = Pair { from, to, flows: Arc::new(flow_both_ways(&first, &second)) };
+        let flows = match &self.exact {
+            Some(exact) => exact.flows(from, to)?,
+            None => flow_both_ways(&self.photos.get(from)?, &self.photos.get(to)?),
+        };
+        let pair = Pair { from, to, flows: Arc::new(flows) };
         if self.kept.len() == KEPT {
             self.kept.remove(0);
         }

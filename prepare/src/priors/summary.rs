@@ -25,7 +25,9 @@ pub struct PriorsSummary {
     pub photos: usize,
     /// Photos of which they were made before.
     pub kept: usize,
-    /// Mean share of flow vectors that can be relied on, over photos with neighbours.
+    /// Whether they are exact: those of a drawn scene.
+    pub exact: bool,
+    /// Mean share of flow vectors that can be relied on, or that are exactly known, over photos with neighbours.
     pub seen: f64,
     /// Share of the judged pixels that move.
     pub moving: f64,
@@ -37,7 +39,7 @@ pub struct PriorsSummary {
 }
 
 impl PriorsSummary {
-    pub(super) fn of(photos: &[(&str, Found)], kept: usize) -> Self {
+    pub(super) fn of(photos: &[(&str, Found)], kept: usize, exact: bool) -> Self {
         let sum = |pick: fn(&Found) -> f64| photos.iter().map(|(_, found)| pick(found)).sum::<f64>();
         let names = |is: fn(&Found) -> bool| -> Vec<String> {
             photos.iter().filter(|(_, found)| is(found)).map(|(name, _)| (*name).to_owned()).collect()
@@ -48,6 +50,7 @@ impl PriorsSummary {
         Self {
             photos: photos.len(),
             kept,
+            exact,
             seen: seen / with_flow.max(1) as f64,
             moving: if judged > 0.0 { moving / judged } else { 0.0 },
             alone,
@@ -76,7 +79,7 @@ impl PriorsSummary {
                 listing(&self.alone)
             ));
         }
-        if self.seen < FEW && self.alone.len() < self.photos {
+        if !self.exact && self.seen < FEW && self.alone.len() < self.photos {
             warnings.push(format!(
                 "only {:.0} % of the flow can be relied on: photos are far apart in time, blurred, or without texture",
                 100.0 * self.seen
@@ -102,11 +105,14 @@ mod tests {
         let found = |seen, judged, moving| Found { seen, judged, moving };
         let photos =
             [("a", found(Some(0.8), 0.5, 0.1)), ("b", found(Some(0.6), 0.0, 0.0)), ("c", found(None, 0.0, 0.0))];
-        let summary = PriorsSummary::of(&photos, 1);
+        let summary = PriorsSummary::of(&photos, 1, false);
         assert!((summary.seen - 0.7).abs() < 1e-12 && (summary.moving - 0.2).abs() < 1e-12, "{summary:?}");
         assert_eq!((summary.photos, summary.kept), (3, 1));
         assert!(summary.alone == ["c"] && summary.too_near == ["b"], "{summary:?}");
         assert_eq!(summary.warnings().len(), 2);
+        // Exact flow that is seldom known is as it should be: its photos are far apart.
+        let few = |exact| PriorsSummary { seen: 0.1, photos: 2, exact, ..PriorsSummary::default() };
+        assert_eq!([false, true].map(|exact| few(exact).warnings().len()), [1, 0]);
     }
 
     #[test]

@@ -3,7 +3,8 @@
 use super::*;
 use crate::flow::flow_both_ways;
 use crate::watch::Silent;
-use scene_io::synthetic::{OrbitCamera, OrbitOptions, orbit, write_orbit};
+use glam::{DVec2, DVec3};
+use scene_io::synthetic::{Orbit, OrbitCamera, OrbitOptions, orbit, write_orbit};
 use scene_io::{LoadOptions, MotionFiles, Split, load};
 
 fn options(camera: OrbitCamera) -> OrbitOptions {
@@ -15,7 +16,13 @@ fn scene(camera: OrbitCamera) -> Scene {
 }
 
 fn request<'a>(scene: &'a Scene, out: &Path) -> PriorsRequest<'a> {
-    PriorsRequest { scene, out: out.to_path_buf(), frames: None, longest_side: None }
+    PriorsRequest { scene, exact: None, out: out.to_path_buf(), frames: None, longest_side: None }
+}
+
+/// What the scenes here are drawn from.
+fn drawn() -> Drawn {
+    let OrbitOptions { seed, motion, .. } = options(OrbitCamera::Walking);
+    Drawn::Orbit(Orbit::new(seed, motion))
 }
 
 /// Every file below a folder but the markers, by its path from there, with its bytes.
@@ -26,7 +33,7 @@ fn files_in(folder: &Path) -> Vec<(String, Vec<u8>)> {
             let path = entry.unwrap().path();
             let name = path.strip_prefix(folder).unwrap().to_string_lossy().replace('\\', "/");
             match path.is_dir() {
-                true if name == MADE => {}
+                true if [MADE, EXACT].contains(&name.as_str()) => {}
                 true => open.push(path),
                 false => found.push((name, std::fs::read(&path).unwrap())),
             }
@@ -159,4 +166,100 @@ fn what_cannot_be_made_is_said() {
     }
     let error = priors(&request(&scene, &folder.path().join("new")), &mut Silent).unwrap_err().to_string();
     assert!(error.contains("1 training photos") && !folder.path().join("new").exists(), "{error}");
+}
+
+#[test]
+fn exact_flow_leads_to_where_the_camera_of_the_other_photo_shows_the_point_at_its_time() {
+    let (folder, drawn) = (tempfile::tempdir().unwrap(), drawn());
+    let mut counts = [0; 3];
+    for camera in [OrbitCamera::Walking, OrbitCamera::Jumping] {
+        let (mut scene, out) = (scene(camera), folder.path().join(format!("{camera:?}")));
+        let exact = PriorsRequest { exact: Some(&drawn), ..request(&scene, &out) };
+        let summary = priors(&exact, &mut Silent).unwrap();
+        assert_eq!((summary.photos, summary.exact, summary.warnings()), (5, true, Vec::new()));
+        scene.take_priors(&out).unwrap();
+        for (from, to) in (0..4).flat_map(|i| [(i, i + 1), (i + 1, i)]) {
+            let prior = scene.frames[from].read_flow_prior().unwrap();
+            let flow = if to > from { prior.forward } else { prior.backward };
+            let flow = flow.unwrap();
+            let [here, there] = [from, to].map(|i| &scene.frames[i].camera);
+            let [now, then] = [from, to].map(|i| drawn.at(scene.frames[i].time.unwrap()));
+            // The twin: the way of each point in the world, and both ends of it through the lenses.
+            for point in now.scene_flow(here, &then).points {
+                let x = DVec3::from(point.x);
+                let goes = x + DVec3::from(point.way);
+                let start = here.project(x).unwrap();
+                let (column, row) = (start.x as u32, start.y as u32);
+                let end = there.project(goes).filter(|p| p.cmpge(DVec2::ZERO).all() && p.x < 40.0 && p.y < 36.0);
+                let shown = end.and_then(|end| then.hit(there, end));
+                let off = shown.map_or(f64::INFINITY, |hit| (hit.x - goes).length());
+                let seen = flow.seen.get(column, row);
+                // At a grazing angle a point is found again less exactly.
+                assert!(if seen { off < 1e-3 } else { off > 1e-8 }, "{from} to {to}, {start}: {seen} and {off}");
+                if let Some(end) = end.filter(|_| seen) {
+                    let [u, v] = flow.vectors[(row * 40 + column) as usize].map(f64::from);
+                    assert!((start + DVec2::new(u, v) - end).length() < 1e-4, "{from} to {to}, {start}: {u}, {v}");
+                }
+                counts[if seen { usize::from(point.moves) } else { 2 }] += 1;
+            }
+            let surface = drawn.at(scene.frames[from].time.unwrap()).truth(here);
+            let empty = surface.z.iter().zip(flow.seen.iter()).filter(|(z, seen)| **z == 0.0 && *seen);
+            assert_eq!(empty.count(), 0, "nothing leads nowhere");
+        }
+    }
+    assert!(counts.iter().all(|n| *n > 100), "{counts:?}: still, moving, not seen");
+}
+
+#[test]
+fn exact_disparities_and_masks_come_back_from_their_files() {
+    let (folder, drawn) = (tempfile::tempdir().unwrap(), drawn());
+    let (mut scene, out) = (scene(OrbitCamera::Walking), folder.path().join("exact"));
+    let exact = PriorsRequest { exact: Some(&drawn), ..request(&scene, &out) };
+    let summary = priors(&exact, &mut Silent).unwrap();
+    let names = names_in(&out);
+    assert_eq!(names.len(), 5 + 5 + 4 + 4, "masks, disparities, flows each way: {names:?}");
+    scene.take_priors(&out).unwrap();
+    let mut moving = 0.0;
+    for frame in scene.frames.iter().filter(|frame| frame.split == Split::Train) {
+        let (found, truth) = (frame.read_disparity().unwrap().unwrap(), drawn.at(frame.time.unwrap()));
+        let z = truth.truth(&frame.camera).z;
+        for ((value, known), z) in found.values.iter().zip(found.known.iter()).zip(&z) {
+            assert_eq!(known, *z > 0.0, "{}", frame.name);
+            assert!(!known || (f64::from(*value) * z - 1.0).abs() < 1e-6, "{value} at {z}");
+        }
+        let mask = frame.read_motion_mask().unwrap().unwrap();
+        assert_eq!(Some(&mask), frame.read_moving().unwrap().as_ref());
+        moving += mask.share() / 5.0;
+    }
+    assert!(moving > 0.0 && (summary.moving - moving).abs() < 1e-12, "{moving} and {}", summary.moving);
+    // The same again is there already; half as large is not.
+    assert_eq!(priors(&PriorsRequest { exact: Some(&drawn), ..request(&scene, &out) }, &mut Silent).unwrap().kept, 5);
+    let half = PriorsRequest { exact: Some(&drawn), longest_side: Some(20), ..request(&scene, &out) };
+    assert_eq!(priors(&half, &mut Silent).unwrap().kept, 0);
+    let small = scene.frames[1].read_disparity().unwrap().unwrap();
+    assert_eq!((small.width, small.height, small.known.count() > 20), (20, 18, true));
+}
+
+#[test]
+fn exact_priors_and_those_of_photos_do_not_share_a_folder() {
+    let (folder, drawn) = (tempfile::tempdir().unwrap(), drawn());
+    let scene = scene(OrbitCamera::Walking);
+    let [exact, made, foreign] = ["exact", "made", "foreign"].map(|name| folder.path().join(name));
+    let all = |exact: bool, out: &Path| {
+        let exact = exact.then_some(&drawn);
+        priors(&PriorsRequest { exact, frames: Some(2), ..request(&scene, out) }, &mut Silent)
+    };
+    assert!(all(true, &exact).is_ok() && all(false, &made).is_ok());
+    std::fs::create_dir_all(foreign.join("disp")).unwrap();
+    std::fs::write(foreign.join("disp/r_000.png"), b"of a network").unwrap();
+    for (wrong, words) in [
+        (all(false, &exact), "holds what `priors --exact` made"),
+        (all(true, &made), "holds what `priors` made"),
+        (all(true, &foreign), "not made by `priors --exact`"),
+    ] {
+        let error = wrong.unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("--out"), "{error}");
+    }
+    // Disparities of a network are no matter of flow and masks.
+    assert!(all(false, &foreign).is_ok());
 }

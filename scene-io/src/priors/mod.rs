@@ -14,7 +14,8 @@
 //! What is known of motion lies in folders, as NSFF, DynamicNeRF and RoDynRF write it: beside the photos' folder (or in it), by the
 //! photo's name without extension, or by its number with 3 to 5 digits where that name is one. The number is the photo's own: where
 //! photos begin at 1 and flow at 0, one of them must be renamed. What `nerf-dynamic priors` makes lies in such folders in `priors` of the
-//! dataset's own, and is read where there is nothing beside the photos.
+//! dataset's own, and is read where there is nothing beside the photos. [`LoadOptions::priors`](crate::LoadOptions::priors) names another
+//! folder of such folders, in the place of all these.
 //!
 //! | file | holds | without it |
 //! | --- | --- | --- |
@@ -28,7 +29,8 @@
 //!
 //! Truth masks of what does not belong to the place are named in the dataset's own file (`transient_mask_path`, see
 //! [`TruthMask`]), and so is exact flow (`flow_path`, see [`FlowTruth`]): they are for scoring and never reach training. So is exact scene
-//! flow ([`SceneFlow`]), which drawn scenes carry and no file holds.
+//! flow ([`SceneFlow`]), which drawn scenes carry and no file holds. Where priors are to be perfect, they are written as priors from what a
+//! scene was drawn from ([`Drawn`](crate::synthetic::Drawn)), and read as any others.
 //!
 //! Paths only are kept in a [`Frame`](crate::Frame); `Frame::read_*` decodes at the file's own size and checks it.
 

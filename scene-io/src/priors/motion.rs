@@ -34,13 +34,31 @@ impl MotionFiles {
     #[must_use]
     pub fn beside(photo: &Path, root: &Path) -> Self {
         let Some(stem) = photo.file_stem().and_then(|stem| stem.to_str()) else { return Self::default() };
-        let stems = spellings(stem);
         let own = photo.parent().into_iter().flat_map(|folder| folder.ancestors().take(2));
         let places: Vec<&Path> = own.filter(|place| within(place, root).is_some()).collect();
-        let find = |folders: &[&str], endings: &[&str]| {
+        let (made, own) = (root.join(Self::MADE), photo.parent().and_then(|parent| within(parent, root)));
+        Self::of(stem, |folders| {
             let beside = places.iter().flat_map(|place| folders.iter().map(move |folder| place.join(folder)));
-            let made = folders.iter().flat_map(|folder| made(photo, root, folder));
-            beside.chain(made).filter(|folder| folder.is_dir()).find_map(|folder| {
+            let made = folders.iter().flat_map(|folder| in_folder(made.join(folder), own));
+            beside.chain(made).collect()
+        })
+    }
+
+    /// The files in folders of the known names in `folder`, of a photo that has the path `photo`, without the ending of its file, in the
+    /// dataset's own: in the photo's own folders there first, as in [`MotionFiles::MADE`].
+    #[must_use]
+    pub fn within(folder: &Path, photo: &Path) -> Self {
+        let Some(stem) = photo.file_name().and_then(|stem| stem.to_str()) else { return Self::default() };
+        // Nothing in a name leads out of the folder.
+        let own: PathBuf = photo.parent().into_iter().flat_map(Path::components).filter(is_normal).collect();
+        Self::of(stem, |folders| folders.iter().flat_map(|name| in_folder(folder.join(name), Some(&own))).collect())
+    }
+
+    /// The first file of each kind of the photo `stem`, in the folders where `places` looks for those of some names.
+    fn of(stem: &str, places: impl Fn(&[&str]) -> Vec<PathBuf>) -> Self {
+        let stems = spellings(stem);
+        let find = |folders: &[&str], endings: &[&str]| {
+            places(folders).into_iter().filter(|folder| folder.is_dir()).find_map(|folder| {
                 let names = stems.iter().flat_map(|stem| endings.iter().map(move |ending| format!("{stem}{ending}")));
                 names.map(|name| folder.join(name)).find(|file| file.is_file())
             })
@@ -58,14 +76,17 @@ impl MotionFiles {
 /// A folder's path from the dataset's own; `None` outside of it.
 fn within<'p>(folder: &'p Path, root: &Path) -> Option<&'p Path> {
     let way = folder.strip_prefix(root).ok()?;
-    way.components().all(|part| matches!(part, Component::Normal(_))).then_some(way)
+    way.components().all(|part| is_normal(&part)).then_some(way)
 }
 
-/// Where a folder of a known name in [`MotionFiles::MADE`] may hold files of a photo.
-fn made(photo: &Path, root: &Path, folder: &str) -> Vec<PathBuf> {
-    let all = root.join(MotionFiles::MADE).join(folder);
-    let own = photo.parent().and_then(|parent| within(parent, root)).map(|own| all.join(own));
-    own.into_iter().chain([all]).collect()
+fn is_normal(part: &Component<'_>) -> bool {
+    matches!(part, Component::Normal(_))
+}
+
+/// Where a folder of all photos may hold files of one, whose `own` folders are those: in these, then in itself.
+fn in_folder(all: PathBuf, own: Option<&Path>) -> impl Iterator<Item = PathBuf> {
+    let own = own.map(|own| all.join(own));
+    own.into_iter().chain([all])
 }
 
 /// A photo's name without extension, and where that is a number the same with as many digits as releases write: 3, 4, 5.

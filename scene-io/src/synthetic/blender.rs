@@ -1,7 +1,8 @@
 //! Scenes to files, in the form of NeRF's synthetic scenes.
 
-use super::files::{write_mask, write_npy, write_picture};
+use super::files::{write_mask, write_picture};
 use crate::export::write_atomically;
+use crate::npy_writer::write_npy;
 use crate::priors::{FlowPlace, FlowTruth, TruthMask};
 use crate::{DepthPlace, DepthSource, ErrorKind, Frame, ImageSource, LayoutHint, Problem, Scene, SceneError, Split};
 use render_core::pose::Axes;

@@ -18,6 +18,7 @@
 //! ```
 
 mod blender;
+mod drawn;
 mod files;
 mod mouth;
 mod orbit;
@@ -30,6 +31,7 @@ mod tabletop;
 mod tissue;
 
 pub use blender::write_blender;
+pub use drawn::Drawn;
 pub use mouth::{Mouth, MouthOptions, mouth, mouth_views, write_mouth};
 pub use orbit::{Orbit, OrbitCamera, OrbitMotion, OrbitOptions, orbit, orbit_views, write_orbit};
 pub use plaza::{Light, PasserBy, Photo, PhotoTruth, Plaza, PlazaHit, PlazaOptions, plaza, plaza_photos};

@@ -3,7 +3,8 @@
 use super::Snapshot;
 use super::film::SnapshotView;
 use crate::export::write_atomically;
-use crate::synthetic::files::{write_mask, write_npy};
+use crate::npy_writer::write_npy;
+use crate::synthetic::files::write_mask;
 use crate::{SceneError, Split};
 use serde_json::Value;
 use std::path::Path;

@@ -3,7 +3,8 @@
 use super::scene::z_range;
 use super::{TissueOptions, tissue_camera, tissue_truth};
 use crate::export::write_atomically;
-use crate::synthetic::files::{write_mask, write_npy, write_picture, write_png16};
+use crate::npy_writer::write_npy;
+use crate::synthetic::files::{write_mask, write_picture, write_png16};
 use crate::{SceneError, Size};
 use render_core::pose::Axes;
 use serde_json::json;
