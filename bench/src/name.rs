@@ -47,6 +47,14 @@ pub(crate) enum Name {
     DynamicNr,
     /// Tissue behind a tool: what masks and measured depth are worth
     DynamicTissue,
+    /// Scene flow without each of its parts, with exact priors: orbit, whose camera jumps
+    DynamicOrbitExact,
+    /// The same with priors made of the photos
+    DynamicOrbitMade,
+    /// The same of a camera that walks, with exact priors
+    DynamicWalkExact,
+    /// The same with priors made of the photos
+    DynamicWalkMade,
 }
 
 impl Name {

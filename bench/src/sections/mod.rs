@@ -50,6 +50,10 @@ fn section(name: Name, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchE
         Name::DynamicMouth => dynamic::mouth(bench, keep),
         Name::DynamicNr => dynamic::nr(bench, keep),
         Name::DynamicTissue => dynamic::tissue(bench, keep),
+        Name::DynamicOrbitExact => dynamic::orbit_exact(bench, keep),
+        Name::DynamicOrbitMade => dynamic::orbit_made(bench, keep),
+        Name::DynamicWalkExact => dynamic::walk_exact(bench, keep),
+        Name::DynamicWalkMade => dynamic::walk_made(bench, keep),
     }
 }
 

@@ -1,7 +1,7 @@
 //! What was planned beside what was measured.
 
+use super::entry::{Aim, Entry};
 use super::measured::Measured;
-use super::protocols::{Aim, Entry};
 use crate::goals::Goal;
 
 /// A training of so many seconds ends with the step in which they are over.

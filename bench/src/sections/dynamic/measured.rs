@@ -1,6 +1,8 @@
 //! One system on one moving scene: trained, and measured.
 
-use super::protocols::{Entry, Group};
+use super::entry::Entry;
+use super::film::PRIORS;
+use super::protocols::Group;
 use crate::bench::{Bench, Extent, say};
 use crate::error::BenchError;
 use crate::sections::scene::{Job, Point, dataset, train};
@@ -49,8 +51,11 @@ pub(super) fn request(
     entry: &Entry,
     folder: &Path,
 ) -> Result<Option<Request>, BenchError> {
-    let (holdout, validation) = (group.holdout.word(folder)?, bench.validation.clone());
-    let data = DataOptions { holdout, validation, ..DataOptions::default() };
+    let holdout = group.holdout.word(folder)?;
+    let data = match group.film {
+        Some(film) => DataOptions { holdout, priors: Some(folder.join(PRIORS)), ..film.data(bench) },
+        None => DataOptions { holdout, validation: bench.validation.clone(), ..DataOptions::default() },
+    };
     let request = if group.path.starts_with(SYNTHETIC) {
         Request { scene: Some(group.path.into()), data, ..Request::default() }
     } else {
@@ -65,6 +70,12 @@ pub(super) fn request(
     Ok(Some(Request { system: Some(entry.system.into()), set, ..request }))
 }
 
+/// The request with schedules that end where the training does, as `train` plans them.
+fn planned(request: &Request, stop: Stop) -> Request {
+    let speed = matches!(stop, Stop::Seconds(_)).then(systems::plan::machine_speed);
+    Request { stop: Some(stop), speed, ..request.clone() }
+}
+
 /// Train until `stop`, the held-out views measured on the way, and measure everything at the end.
 pub(super) fn measure(
     bench: &Bench,
@@ -74,7 +85,16 @@ pub(super) fn measure(
     stop: Stop,
     lpips: Option<&Lpips>,
 ) -> Result<Measured, BenchError> {
-    let load = |spec: &str, data: &DataOptions| load(bench, spec, data);
+    let load = |spec: &str, data: &DataOptions| -> Result<Scene, RunError> {
+        let mut scene = load(bench, group, spec, data)?;
+        if !entry.masks {
+            scene.frames.iter_mut().for_each(|frame| frame.priors.motion.mask = None);
+        }
+        Ok(scene)
+    };
+    // A row without a part has fewer steps than a schedule that nobody told of them, and no time to keep up with.
+    let planned = group.film.map(|_| planned(request, stop));
+    let request = planned.as_ref().unwrap_or(request);
     let name = format!("{}, {}", group.name, entry.name);
     let job =
         Job { name: &name, request, load: &load, build: &systems::registry::build, schedule: schedule(stop), lpips };
@@ -119,8 +139,11 @@ pub(super) fn weights(bench: &Bench) -> Result<Option<Lpips>, BenchError> {
     load_lpips(&path).map(Some).map_err(BenchError::part)
 }
 
-/// Files and embedded scenes as everywhere; in quick runs these are small.
-fn load(bench: &Bench, spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
+/// Films as they are filmed, files and embedded scenes as everywhere; in quick runs what is drawn is small.
+fn load(bench: &Bench, group: &Group, spec: &str, data: &DataOptions) -> Result<Scene, RunError> {
+    if let Some(film) = group.film {
+        return film.load(bench.extent, data);
+    }
     if bench.extent == Extent::Quick {
         match spec.strip_prefix(SYNTHETIC) {
             Some("orbit") => {
@@ -170,7 +193,7 @@ mod tests {
     fn embedded_scenes_are_small_in_quick_runs() {
         let bench = Bench::new(&Cli::parse_from(["nerf-bench", "--quick", "--threads", "1"])).unwrap();
         for group in [ORBIT, MOUTH, TISSUE] {
-            let scene = load(&bench, group.path, &DataOptions::default()).unwrap();
+            let scene = load(&bench, &group, group.path, &DataOptions::default()).unwrap();
             assert_eq!((scene.name.as_str(), scene.frames[0].camera.width), (group.name, 32));
             assert!(scene.count(scene_io::Split::Test) > 0 && scene.frames.len() < 20, "{}", group.name);
         }

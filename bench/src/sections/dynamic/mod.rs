@@ -1,7 +1,10 @@
 //! Scenes that move: what does each system see of things that move, of things that do not, and of what was hidden, and how
 //! soon?
 
+mod ablations;
 mod aims;
+mod entry;
+mod film;
 mod measured;
 mod protocols;
 
@@ -15,8 +18,9 @@ use crate::plot::{Axis, Plot, Scale, Series};
 use crate::table::{Cell, Table};
 use aims::goal;
 use engine::train::Stop;
+use entry::Entry;
 use measured::{EVAL_AT, Measured, measure, request, weights};
-use protocols::{Entry, Group, MOUTH, NR, ORBIT, TISSUE, WORKBENCH};
+use protocols::{Group, MOUTH, NR, ORBIT, ORBIT_EXACT, ORBIT_MADE, TISSUE, WALK_EXACT, WALK_MADE, WORKBENCH};
 
 pub(super) use protocols::names;
 
@@ -60,14 +64,36 @@ pub(super) fn tissue(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchErr
     section(bench, keep, "Moving scenes: tissue behind a tool", &TISSUE)
 }
 
+/// Scene flow without each of its parts, with priors that are exact, of a camera that jumps.
+pub(super) fn orbit_exact(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section(bench, keep, "Scene flow, part by part: orbit, exact priors", &ORBIT_EXACT)
+}
+
+/// The same with priors made of the photos.
+pub(super) fn orbit_made(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section(bench, keep, "Scene flow, part by part: orbit, priors made of the photos", &ORBIT_MADE)
+}
+
+/// Scene flow without each of its parts, with priors that are exact, of a camera that walks.
+pub(super) fn walk_exact(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section(bench, keep, "Scene flow, part by part: a walk, exact priors", &WALK_EXACT)
+}
+
+/// The same with priors made of the photos.
+pub(super) fn walk_made(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {
+    section(bench, keep, "Scene flow, part by part: a walk, priors made of the photos", &WALK_MADE)
+}
+
 fn section(bench: &Bench, keep: &Keep<'_>, title: &'static str, group: &Group) -> Result<Section, BenchError> {
     let quick = bench.extent == Extent::Quick;
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let (mut rows, mut goals, mut missing): (Vec<Measured>, Vec<Goal>, Vec<&str>) = Default::default();
+    let mut about = None;
     // Quick runs know embedded scenes only.
     if bench.wants(group.name) && (!quick || group.path.starts_with(engine::source::SYNTHETIC)) {
         let lpips = if quick { None } else { weights(bench)? };
-        for entry in group.entries {
+        about = group.film.map(|film| film.write_priors(bench, folder.path())).transpose()?;
+        for entry in group.entries.iter().filter(|entry| !quick || is_quick(group, entry)) {
             let Some(request) = request(bench, group, entry, folder.path())? else {
                 missing.push(group.name);
                 break;
@@ -76,17 +102,22 @@ fn section(bench: &Bench, keep: &Keep<'_>, title: &'static str, group: &Group) -
             let measured = measure(bench, group, entry, &request, stop, lpips.as_ref())?;
             goals.extend(entry.aims.iter().filter_map(|aim| goal(*aim, group.name, entry, &measured, &rows)));
             rows.push(measured);
-            keep(&page(title, group, &rows, goals.clone(), &missing)?)?;
+            keep(&page(title, group, about.as_deref(), &rows, goals.clone(), &missing)?)?;
         }
     }
     if quick {
         goals.clear();
     }
-    let mut section = page(title, group, &rows, goals, &missing)?;
+    let mut section = page(title, group, about.as_deref(), &rows, goals, &missing)?;
     if quick {
         section.items.push(Item::Text(QUICK.into()));
     }
     Ok(section)
+}
+
+/// Whether a quick run has a row: of films those alone that others take parts out of.
+fn is_quick(group: &Group, entry: &Entry) -> bool {
+    group.film.is_none() || group.entries.iter().any(|other| other.without == Some(entry.name))
 }
 
 /// When a row ends: with the row it takes a part out of, else as asked for, else as planned.
@@ -101,15 +132,16 @@ fn stop(bench: &Bench, group: &Group, entry: &Entry, before: &[Measured]) -> Sto
     }
 }
 
-/// The rows so far.
+/// The rows so far; `about`: what there is to say of the scene.
 fn page(
     title: &'static str,
     group: &Group,
+    about: Option<&str>,
     rows: &[Measured],
     goals: Vec<Goal>,
     missing: &[&str],
 ) -> Result<Section, BenchError> {
-    let mut items = Vec::new();
+    let mut items: Vec<Item> = about.into_iter().map(|text| Item::Text(text.into())).collect();
     if !rows.is_empty() {
         items.extend([Item::Table(scores(rows)?), Item::Table(over_time(rows)?), Item::Plot(plot(group, rows))]);
     }
@@ -239,7 +271,7 @@ mod tests {
 
     #[test]
     fn settings_of_all_entries_are_toml_and_what_they_name_comes_before_them() {
-        for group in [WORKBENCH, ORBIT, MOUTH, NR, TISSUE] {
+        for group in [WORKBENCH, ORBIT, MOUTH, NR, TISSUE, ORBIT_EXACT] {
             for (i, entry) in group.entries.iter().enumerate() {
                 for set in [entry.set, entry.quick] {
                     assert!(set.parse::<toml::Table>().is_ok(), "{set}");
@@ -250,12 +282,12 @@ mod tests {
                 assert!(!known(entry.name), "{} twice", entry.name);
                 for aim in entry.aims {
                     let least = match *aim {
-                        protocols::Aim::Over(_, x) | protocols::Aim::Costs(x) | protocols::Aim::HiddenCosts(x) => x,
-                        protocols::Aim::DepthCosts(x) => x - 1.0,
+                        entry::Aim::Over(_, x) | entry::Aim::Costs(x) | entry::Aim::HiddenCosts(x) => x,
+                        entry::Aim::DepthCosts(x) => x - 1.0,
                         _ => f64::INFINITY,
                     };
                     assert!(least > 0.0, "{}: {aim:?}: nothing at all would be enough", entry.name);
-                    use protocols::Aim::{Costs, DepthCosts, Faster, HiddenCosts, Moving, Over};
+                    use entry::Aim::{Costs, DepthCosts, Faster, HiddenCosts, Moving, Over};
                     match *aim {
                         Moving(other, _) | Over(other, _) | Faster(other, _) => assert!(known(other), "{aim:?}"),
                         Costs(_) | HiddenCosts(_) | DepthCosts(_) => assert!(entry.without.is_some(), "{aim:?}"),

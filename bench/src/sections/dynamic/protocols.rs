@@ -1,7 +1,11 @@
 //! Which scenes that move, which systems, and what is expected of them.
 
+use super::ablations::ABLATIONS;
+use super::entry::{Aim, Entry};
+use super::film::{Film, PriorsFrom};
 use crate::sections::training::Held;
 use engine::train::Stop;
+use scene_io::synthetic::OrbitCamera;
 
 /// A scene, and everything that is trained on it.
 pub(super) struct Group {
@@ -14,69 +18,8 @@ pub(super) struct Group {
     pub(super) stop: Stop,
     /// What others are compared with comes before them.
     pub(super) entries: &'static [Entry],
-}
-
-/// A system with its settings.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Entry {
-    pub(super) name: &'static str,
-    pub(super) system: &'static str,
-    /// TOML.
-    pub(super) set: &'static str,
-    /// The same in quick runs besides: what makes it small.
-    pub(super) quick: &'static str,
-    /// The row whose steps this one does: a part is taken out, nothing else may differ.
-    pub(super) without: Option<&'static str>,
-    pub(super) aims: &'static [Aim],
-}
-
-/// What was planned; others are named as their rows are.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Aim {
-    /// PSNR of things that move, above that of another, dB at least.
-    Moving(&'static str, f64),
-    /// PSNR above that of another, dB at least.
-    Over(&'static str, f64),
-    /// The time another took to its last PSNR, as a multiple of the time to reach that.
-    Faster(&'static str, f64),
-    /// Rays a second.
-    Rays(f64),
-    /// So many dB at the last measurement within so many training seconds: never the best of a curve.
-    Within { seconds: f64, psnr: f64 },
-    /// Its PSNR below that of the row it takes a part out of, dB at least.
-    Costs(f64),
-    /// The same of what was hidden.
-    HiddenCosts(f64),
-    /// Its error of depth of what was hidden, as a multiple of that of the row it takes a part out of.
-    DepthCosts(f64),
-}
-
-impl Entry {
-    const fn new(system: &'static str) -> Self {
-        Self { name: system, system, set: "", quick: "", without: None, aims: &[] }
-    }
-
-    /// The same under another name.
-    const fn named(self, name: &'static str) -> Self {
-        Self { name, ..self }
-    }
-
-    const fn quick(self, quick: &'static str) -> Self {
-        Self { quick, ..self }
-    }
-
-    const fn set(self, set: &'static str) -> Self {
-        Self { set, ..self }
-    }
-
-    /// The same system with a part taken out.
-    const fn without(self, name: &'static str, set: &'static str) -> Self {
-        Self { name, set, without: Some(self.name), aims: &[], ..self }
-    }
-
-    const fn aims(self, aims: &'static [Aim]) -> Self {
-        Self { aims, ..self }
-    }
+    /// Of what is filmed for the page: `path` is the stage then.
+    pub(super) film: Option<Film>,
 }
 
 /// What one seed may differ by, dB, and as a multiple of an error of depth: less says nothing.
@@ -125,6 +68,7 @@ pub(super) const WORKBENCH: Group = Group {
     holdout: Held::Own,
     stop: Stop::Seconds(200.0),
     entries: EVERYTHING,
+    film: None,
 };
 
 pub(super) const ORBIT: Group =
@@ -146,6 +90,7 @@ pub(super) const MOUTH: Group = Group {
         K_PLANES,
         HYPERNERF.without("hypernerf, no ambient coordinates", "ambient = 0").aims(&[Aim::Costs(SPREAD)]),
     ],
+    film: None,
 };
 
 pub(super) const NR: Group = Group {
@@ -154,6 +99,7 @@ pub(super) const NR: Group = Group {
     holdout: Held::EveryFrom(8, 4),
     stop: Stop::Seconds(300.0),
     entries: &[NGP, D_NERF, TINEUVOX, NERFIES, K_PLANES, TWO_PARTS, D_NERF_PUBLISHED],
+    film: None,
 };
 
 pub(super) const TISSUE: Group = Group {
@@ -177,9 +123,40 @@ pub(super) const TISSUE: Group = Group {
         // The endoscope stands still, and this system makes nothing of measured depth: it has to be told to try.
         D_NERF.set("accept_no_parallax = true"),
     ],
+    film: None,
+};
+
+/// Scene flow with priors that are perfect, of a camera that jumps.
+pub(super) const ORBIT_EXACT: Group = Group {
+    name: "orbit-exact",
+    stop: Stop::Seconds(60.0),
+    entries: ABLATIONS,
+    film: Some(Film { camera: OrbitCamera::Jumping, priors: PriorsFrom::Stage }),
+    ..ORBIT
+};
+
+/// The same with priors that anyone can have. Of a camera that jumps they know next to nothing.
+pub(super) const ORBIT_MADE: Group = Group {
+    name: "orbit-made",
+    film: Some(Film { camera: OrbitCamera::Jumping, priors: PriorsFrom::Photos }),
+    ..ORBIT_EXACT
+};
+
+/// What scene flow is made for: a film by one camera that moves on.
+pub(super) const WALK_EXACT: Group = Group {
+    name: "walk-exact",
+    film: Some(Film { camera: OrbitCamera::Walking, priors: PriorsFrom::Stage }),
+    ..ORBIT_EXACT
+};
+
+pub(super) const WALK_MADE: Group = Group {
+    name: "walk-made",
+    film: Some(Film { camera: OrbitCamera::Walking, priors: PriorsFrom::Photos }),
+    ..ORBIT_EXACT
 };
 
 /// What `--protocol` may name.
 pub(in crate::sections) fn names() -> impl Iterator<Item = &'static str> {
-    [WORKBENCH, ORBIT, MOUTH, NR, TISSUE].into_iter().map(|group| group.name)
+    let films = [ORBIT_EXACT, ORBIT_MADE, WALK_EXACT, WALK_MADE];
+    [WORKBENCH, ORBIT, MOUTH, NR, TISSUE].into_iter().chain(films).map(|group| group.name)
 }
