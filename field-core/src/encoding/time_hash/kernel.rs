@@ -8,8 +8,13 @@ use crate::encoding::lattice::cell::BLOCK as LANES;
 use crate::encoding::lattice::features::{Features, Packed};
 use crate::encoding::lattice::kernel::{block, prefetch};
 
-/// Vertices of a cell: bit `a` of a vertex's number says whether it is on the upper side along axis `a`, the time last.
-const CORNERS: usize = 16;
+/// Vertices of a simplex.
+const CORNERS: usize = 5;
+/// Which pairs are put in order one after the other, so that four numbers are in order at the end.
+const SORT: [[usize; 2]; 5] = [[0, 1], [2, 3], [0, 2], [1, 3], [1, 2]];
+
+/// A number for each vertex of a block of simplices.
+type Corners<T> = [[T; LANES]; CORNERS];
 
 /// What every kernel works on: a level, positions `[3][n]` and times `[n]`.
 #[derive(Clone, Copy)]
@@ -19,7 +24,7 @@ pub(super) struct Place<'a> {
     pub(super) rows: [&'a [f32]; 4],
 }
 
-/// `out[f][i] = sum over vertices of weight * table[entry][f]`.
+/// `out[f][i] = sum over the vertices of a simplex of weight * table[entry][f]`.
 pub(super) struct Gather<'a, 'o, const F: usize> {
     pub(super) place: Place<'a>,
     pub(super) table: &'a [f32],
@@ -48,12 +53,6 @@ struct Cells {
     low: [[u32; LANES]; 4],
     /// Place in the cell along each axis, `0..=1`.
     at: [[f32; LANES]; 4],
-}
-
-/// Weight of a vertex along an axis: on the upper side of the cell, or the lower one.
-#[inline(always)]
-fn side(at: f32, upper: usize) -> f32 {
-    if upper == 1 { at } else { 1.0 - at }
 }
 
 impl Place<'_> {
@@ -85,52 +84,49 @@ impl Place<'_> {
         cells
     }
 
-    /// The entry of each vertex.
+    /// The entry of each vertex of the simplices that samples lie in, and its weight. From the lowest corner of the cell an edge leads along the
+    /// axis on which the sample is farthest, then along the next, to the corner opposite.
     #[inline(always)]
-    fn entries(&self, cells: &Cells) -> [[u32; LANES]; CORNERS] {
+    fn simplices(&self, cells: &Cells) -> (Corners<u32>, Corners<f32>) {
         let TimeLevel { cells: [side, _], entries, dense, .. } = self.level;
         let r = side + 1;
-        let steps = if dense { [1, r, r * r, r * r * r] } else { [1, PRIMES[0], PRIMES[1], TIME_PRIME] };
-        // What each side of the cell adds along each axis.
-        let mut parts = [[[0_u32; LANES]; 2]; 4];
+        let factors = if dense { [1, r, r * r, r * r * r] } else { [1, PRIMES[0], PRIMES[1], TIME_PRIME] };
+        let (mut first, mut step, mut at) = ([0_u32; LANES], [[0_u32; LANES]; 4], cells.at);
         for axis in 0..4 {
             for lane in 0..LANES {
-                let low = cells.low[axis][lane].wrapping_mul(steps[axis]);
-                parts[axis][0][lane] = low;
-                parts[axis][1][lane] = low.wrapping_add(steps[axis]);
+                let low = cells.low[axis][lane].wrapping_mul(factors[axis]);
+                let high = low.wrapping_add(factors[axis]);
+                // What leads from one side of the cell to the other: added, or flipped in a hash.
+                (first[lane], step[axis][lane]) =
+                    if dense { (first[lane] + low, factors[axis]) } else { (first[lane] ^ low, low ^ high) };
             }
         }
-        let mut out = [[0; LANES]; CORNERS];
-        for (corner, out) in out.iter_mut().enumerate() {
-            let part = |axis: usize| &parts[axis][corner >> axis & 1];
-            let (x, y, z, t) = (part(0), part(1), part(2), part(3));
+        for [a, b] in SORT {
             for lane in 0..LANES {
-                out[lane] = if dense {
-                    x[lane] + y[lane] + z[lane] + t[lane]
-                } else {
-                    (x[lane] ^ y[lane] ^ z[lane] ^ t[lane]) & (entries - 1)
-                };
+                let swap = at[a][lane] < at[b][lane];
+                let (x, y, u, v) = (at[a][lane], at[b][lane], step[a][lane], step[b][lane]);
+                (at[a][lane], at[b][lane]) = if swap { (y, x) } else { (x, y) };
+                (step[a][lane], step[b][lane]) = if swap { (v, u) } else { (u, v) };
             }
         }
-        out
-    }
-
-    /// The weight of each vertex.
-    #[inline(always)]
-    fn weights(cells: &Cells) -> [[f32; LANES]; CORNERS] {
-        let mut out = [[0.0; LANES]; CORNERS];
-        for (corner, out) in out.iter_mut().enumerate() {
-            for (lane, out) in out.iter_mut().enumerate() {
-                let along = |axis: usize| side(cells.at[axis][lane], corner >> axis & 1);
-                *out = along(0) * along(1) * (along(2) * along(3));
+        let (mut entry, mut weight) = ([[0; LANES]; CORNERS], [[0.0; LANES]; CORNERS]);
+        let mask = if dense { u32::MAX } else { entries - 1 };
+        for lane in 0..LANES {
+            let mut vertex = first[lane];
+            entry[0][lane] = vertex & mask;
+            weight[0][lane] = 1.0 - at[0][lane];
+            for k in 0..4 {
+                vertex = if dense { vertex + step[k][lane] } else { vertex ^ step[k][lane] };
+                entry[k + 1][lane] = vertex & mask;
+                weight[k + 1][lane] = if k < 3 { at[k][lane] - at[k + 1][lane] } else { at[3][lane] };
             }
         }
-        out
+        (entry, weight)
     }
 }
 
 impl Place<'_> {
-    /// What the `unsafe` below relies on: every entry that [`Place::entries`] gives lies in a table of so many numbers.
+    /// What the `unsafe` below relies on: every entry that [`Place::simplices`] gives lies in a table of so many numbers.
     fn check<const F: usize>(&self, table: &[f32]) {
         let TimeLevel { cells: [side, times], entries, dense, .. } = self.level;
         let vertices = (u64::from(side) + 1).pow(3) * (u64::from(times) + 1);
@@ -147,12 +143,9 @@ impl Place<'_> {
     fn for_each_block<const F: usize>(
         &self,
         table: *const f32,
-        mut body: impl FnMut(usize, &[[u32; LANES]; CORNERS], &[[f32; LANES]; CORNERS]),
+        mut body: impl FnMut(usize, &Corners<u32>, &Corners<f32>),
     ) {
-        let corners = |from| {
-            let cells = self.locate(from);
-            (self.entries(&cells), Self::weights(&cells))
-        };
+        let corners = |from| self.simplices(&self.locate(from));
         let n = self.len();
         if n == 0 {
             return;
@@ -248,26 +241,23 @@ impl<const F: usize> Task for PositionGradient<'_, '_, F> {
         let n = self.place.len();
         for from in (0..n).step_by(LANES) {
             let cells = self.place.locate(from);
-            let entries = self.place.entries(&cells);
+            let (entries, _) = self.place.simplices(&cells);
             for lane in 0..LANES.min(n - from) {
-                let mut bars = [0.0; 3];
-                for corner in 0..CORNERS {
+                let dot = |corner: usize| {
                     let value = &table[entries[corner][lane] as usize];
-                    let mut dot = 0.0;
-                    for f in 0..F {
-                        dot += value[f] * self.out_bar[f][from + lane];
-                    }
-                    let along = |axis: usize| side(cells.at[axis][lane], corner >> axis & 1);
-                    for (axis, bar) in bars.iter_mut().enumerate() {
-                        let [u, v] = [[1, 2], [0, 2], [0, 1]][axis];
-                        let slope = along(u) * along(v) * along(3) * dot;
-                        *bar += if corner >> axis & 1 == 1 { slope } else { -slope };
+                    (0..F).map(|f| value[f] * self.out_bar[f][from + lane]).sum::<f32>()
+                };
+                // The axes in the order of the edges: as the kernels sort them.
+                let mut axes = [0, 1, 2, 3];
+                for [a, b] in SORT {
+                    if cells.at[axes[a]][lane] < cells.at[axes[b]][lane] {
+                        axes.swap(a, b);
                     }
                 }
-                for (axis, bar) in bars.into_iter().enumerate() {
+                for (edge, axis) in axes.into_iter().enumerate().filter(|(_, axis)| *axis < 3) {
                     // What was clamped does not move.
                     if (0.0..=1.0).contains(&self.place.rows[axis][from + lane]) {
-                        self.x_bar[axis][from + lane] += self.place.cells(axis) * bar;
+                        self.x_bar[axis][from + lane] += self.place.cells(axis) * (dot(edge + 1) - dot(edge));
                     }
                 }
             }

@@ -4,6 +4,17 @@
 //! Wang, Chen, Wang, Shao, Dong, Zhao, Liu, "Masked Space-Time Hash Encoding for Efficient Dynamic Scene Reconstruction", 2023 (MSTH),
 //! section 3.1: the hash of Müller et al. (2022), equation 4, with a fourth prime. Unlike products of planes, what is learned at one
 //! place and time changes nothing far from there.
+//!
+//! Here a cell is cut into the 24 simplices of Kuhn (1960), one for each order of the fractions `f`, and a sample reads the five vertices
+//! of its simplex instead of all sixteen of its cell:
+//!
+//! ```text
+//! f_(1) >= f_(2) >= f_(3) >= f_(4)          fractions in the cell, in order
+//! v_0 = lowest corner,  v_k = v_(k-1) + e_(k)          one axis after the other
+//! out = (1 - f_(1)) T[v_0] + (f_(1) - f_(2)) T[v_1] + ... + f_(4) T[v_4]
+//! ```
+//!
+//! It is continuous, and exact where what is learnt is linear.
 
 mod kernel;
 #[cfg(test)]

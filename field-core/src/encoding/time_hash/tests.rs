@@ -17,26 +17,23 @@ fn params(grid: &TimeHash) -> Vec<f32> {
     random(grid.params_len(), 1).iter().map(|u| 2.0 * u - 1.0).collect()
 }
 
-/// The definition, one sample of a level: sums over all vertices, whose weight falls to 0 one cell away.
+/// The definition, one sample of a level: from the lowest corner of the cell along the axes, the one on which the sample is farthest first.
 fn twin(grid: &TimeHash, params: &[f64], level: usize, at: [f64; 4]) -> Vec<f64> {
     let (of, features) = (grid.levels()[level], grid.config().features);
     let table = &params[grid.level_range(level)];
     let p: [f64; 4] = core::array::from_fn(|a| at[a].clamp(0.0, 1.0) * f64::from(of.cells[a / 3]));
+    let mut vertex: [u32; 4] = core::array::from_fn(|a| (p[a] as u32).min(of.cells[a / 3] - 1));
+    let mut axes: Vec<(f64, usize)> = (0..4).map(|a| (p[a] - f64::from(vertex[a]), a)).collect();
+    axes.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut out = vec![0.0; features];
-    let near = |p: f64| (p.floor() as u32).saturating_sub(1)..=p.floor() as u32 + 1;
-    for x in near(p[0]) {
-        for y in near(p[1]) {
-            for z in near(p[2]) {
-                for t in near(p[3]) {
-                    let v = [x, y, z, t];
-                    let weight: f64 = (0..4).map(|a| (1.0 - (p[a] - f64::from(v[a])).abs()).max(0.0)).product();
-                    if weight > 0.0 {
-                        let entry = of.entry(v) as usize * features;
-                        (0..features).for_each(|f| out[f] += weight * table[entry + f]);
-                    }
-                }
-            }
-        }
+    let mut add = |vertex: [u32; 4], weight: f64| {
+        let entry = of.entry(vertex) as usize * features;
+        (0..features).for_each(|f| out[f] += weight * table[entry + f]);
+    };
+    add(vertex, 1.0 - axes[0].0);
+    for k in 0..4 {
+        vertex[axes[k].1] += 1;
+        add(vertex, axes[k].0 - axes.get(k + 1).map_or(0.0, |next| next.0));
     }
     out
 }
@@ -71,6 +68,26 @@ fn features_are_those_of_the_definition() {
         }
         compare("features", &out, &want, Tolerance::new(2e-5, 2e-5)).unwrap();
     }
+}
+
+/// A function that is linear over all of space and time is met exactly: weights add up to one, and their vertices to the place.
+#[test]
+fn what_is_linear_is_met_exactly() {
+    let config = TimeHashConfig { levels: 1, features: 1, log2_table: 20, space: [5, 5], time: [3, 3] };
+    let grid = TimeHash::new(config).unwrap();
+    let (mut params, of) = (vec![0.0; grid.params_len()], grid.levels()[0]);
+    let linear = |p: [f64; 4]| 0.3 + 1.7 * p[0] - 0.9 * p[1] + 0.4 * p[2] + 2.1 * p[3];
+    for (x, y, z, t) in
+        (0..6).flat_map(|x| (0..6).flat_map(move |y| (0..6).flat_map(move |z| (0..4).map(move |t| (x, y, z, t)))))
+    {
+        let place = [x, y, z].map(|v| f64::from(v) / 5.0);
+        params[of.entry([x, y, z, t]) as usize] = linear([place[0], place[1], place[2], f64::from(t) / 3.0]) as f32;
+    }
+    let n = 50;
+    let (x, t) = (random(3 * n, 2), random(n, 3));
+    let want: Vec<f64> = (0..n).map(|i| linear([x[i], x[n + i], x[2 * n + i], t[i]].map(f64::from))).collect();
+    compare("a linear function", &encode(&grid, Simd::best(), &params, &x, &t), &want, Tolerance::new(1e-5, 1e-5))
+        .unwrap();
 }
 
 #[test]
