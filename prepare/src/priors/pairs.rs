@@ -60,7 +60,7 @@ impl<'a> Pairs<'a> {
         }
         let flows = match &self.exact {
             Some(exact) => exact.flows(from, to)?,
-            None => flow_both_ways(&self.photos.get(from)?, &self.photos.get(to)?),
+            None => flow_both_ways(&*self.photos.get(from)?, &*self.photos.get(to)?),
         };
         let pair = Pair { from, to, flows: Arc::new(flows) };
         if self.kept.len() == KEPT {
