@@ -15,9 +15,9 @@ const SMALLEST: u32 = 4;
 const FEW: f32 = 4.0;
 /// Mean error of a tile that moves: of a colour in `[0, 1]`, in units of what half of all tiles exceed, and in units of its
 /// standard error. Dark photos differ by little where something moves, and a field that is not sharp yet errs a little everywhere.
-const MOVES: f32 = 0.008;
-const TIMES_USUAL: f32 = 2.0;
-const SIGMAS: f32 = 2.0;
+const MOVES: f32 = 0.01;
+const TIMES_USUAL: f32 = 2.5;
+const SIGMAS: f32 = 2.5;
 /// Largest error of a colour that is told apart.
 const LARGEST: f32 = 2.0;
 /// Numbers kept of a tile: pixels, the sum of their weights, that of the squares of weights, three weighted sums of errors, that of

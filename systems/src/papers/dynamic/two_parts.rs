@@ -7,7 +7,7 @@
 //! No paper's: the gate is that of NSFF (Li et al., 2021, section 3.3); what moves has a hash grid of space and time as in MSTH (Wang et
 //! al., "Masked Space-Time Hash Encoding for Efficient Dynamic Scene Reconstruction", 2023, section 3.1), whose mask is a learned
 //! number for each place. How it is found what moves: `docs/decisions/0052`; when this is the default: `docs/decisions/0054`; why
-//! not planes: `docs/decisions/0056`.
+//! not planes: `docs/decisions/0057`.
 
 use crate::claims::Claim;
 use crate::fields::{TimeHashSettings, TimeHashSource, plane_times};
@@ -29,11 +29,11 @@ pub(crate) const CLAIM: Claim = Claim {
 /// What moves covers few pixels, each seen at few times: levels are fewer and coarser than those of the still part, and each
 /// moment has what was learnt of half a frame before and after it.
 const MOVING: TimeHashSettings = TimeHashSettings {
-    time_levels: 8,
-    time_features: 2,
+    time_levels: 6,
+    time_features: 4,
     time_log2_table: 17,
     time_n_min: 16,
-    time_n_max: 512,
+    time_n_max: 256,
     time_cells: 4,
     time_cells_max: 0,
 };
