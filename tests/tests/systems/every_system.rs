@@ -19,7 +19,7 @@ const OPACITIES: &str = "splats.logit";
 
 /// Settings with which a step takes milliseconds, and with which what happens now and then happens within [`STEPS`]. A system takes
 /// those that its parts have.
-const SMALL: [&str; 51] = [
+const SMALL: [&str; 54] = [
     // Before steps 0, 3, 6, 9 and 12.
     "occupancy_every=3",
     "occupancy=16",
