@@ -96,7 +96,7 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("film", "tineuvox", &["voxels=24", "horizon=40", "voxels_every=0.25"]),
     ("still", "k-planes", &["plane_vertices=16"]),
     ("film", "k-planes", &["plane_vertices=16"]),
-    ("film", "two-parts", &["time_n_max=64", "horizon=40", "moving_from=0.25"]),
+    ("film", "two-parts", &["moving_n_max=64", "horizon=40", "moving_from=0.25"]),
     ("tissue", "endo-nerf", &["refine_every=15"]),
 ];
 

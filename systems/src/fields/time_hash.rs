@@ -24,36 +24,36 @@ use std::sync::Arc;
 #[serde(deny_unknown_fields)]
 pub(crate) struct TimeHashSettings {
     /// Levels of the hash grid of space and time.
-    pub(crate) time_levels: usize,
+    pub(crate) moving_levels: usize,
     /// Features of each of its entries: 1, 2, 4 or 8.
-    pub(crate) time_features: usize,
-    /// Each of its levels has at most `2^time_log2_table` entries.
-    pub(crate) time_log2_table: u32,
+    pub(crate) moving_features: usize,
+    /// Each of its levels has at most `2^moving_log2_table` entries.
+    pub(crate) moving_log2_table: u32,
     /// Cells along an axis of space, of its coarsest level.
-    pub(crate) time_n_min: u32,
+    pub(crate) moving_n_min: u32,
     /// Cells along an axis of space, of its finest level.
-    pub(crate) time_n_max: u32,
+    pub(crate) moving_n_max: u32,
     /// Cells along the time, of its coarsest level.
-    pub(crate) time_cells: u32,
+    pub(crate) moving_times: u32,
     /// Cells along the time, of its finest level; 0: half the number of the photos' times.
-    pub(crate) time_cells_max: u32,
+    pub(crate) moving_times_max: u32,
 }
 
 impl TimeHashSettings {
     fn grid(&self, times: &[f32]) -> Result<TimeHash, SystemError> {
         let bad = |field, value, problem: String| SystemError::Config { field, value, problem };
-        at_most(&[("time_levels", self.time_levels, MOST_LAYERS)])?;
-        let last = if self.time_cells_max == 0 { steps_of_time(times) } else { self.time_cells_max };
+        at_most(&[("moving_levels", self.moving_levels, MOST_LAYERS)])?;
+        let last = if self.moving_times_max == 0 { steps_of_time(times) } else { self.moving_times_max };
         TimeHash::new(TimeHashConfig {
-            levels: self.time_levels,
-            features: self.time_features,
-            log2_table: self.time_log2_table,
-            space: [self.time_n_min, self.time_n_max],
-            time: [self.time_cells.min(last), last],
+            levels: self.moving_levels,
+            features: self.moving_features,
+            log2_table: self.moving_log2_table,
+            space: [self.moving_n_min, self.moving_n_max],
+            time: [self.moving_times.min(last), last],
         })
         .map_err(|e| {
             bad(
-                "time_levels, time_features, time_log2_table, time_n_min, time_n_max, time_cells",
+                "moving_levels, moving_features, moving_log2_table, moving_n_min, moving_n_max, moving_times",
                 String::new(),
                 e.to_string(),
             )
@@ -82,10 +82,10 @@ impl FeatureSource for TimeHashSource {
 
     fn proposal(&self, round: usize) -> Arc<dyn FeatureSource> {
         let settings = TimeHashSettings {
-            time_levels: 5,
-            time_features: 2,
-            time_n_max: 128 << round.min(2),
-            time_log2_table: self.settings.time_log2_table.min(17),
+            moving_levels: 5,
+            moving_features: 2,
+            moving_n_max: 128 << round.min(2),
+            moving_log2_table: self.settings.moving_log2_table.min(17),
             ..self.settings
         };
         Arc::new(Self { settings, times: self.times.clone() })
@@ -93,7 +93,7 @@ impl FeatureSource for TimeHashSource {
 
     fn features(&self, rng: Rng) -> Result<Box<dyn Features>, SystemError> {
         let grid = self.settings.grid(&self.times)?;
-        room_for("time_log2_table", self.settings.time_log2_table as usize, grid.params_len())?;
+        room_for("moving_log2_table", self.settings.moving_log2_table as usize, grid.params_len())?;
         let mut params = vec![0.0; grid.params_len()];
         Init::Uniform(1e-4).fill(rng, 1, 1, &mut params);
         Ok(Box::new(TimeHashFeatures::new(self.clone(), grid, params)))

@@ -4,13 +4,13 @@ use super::*;
 use testkit::gradient::{Tolerance, central_difference, compare};
 
 const SETTINGS: TimeHashSettings = TimeHashSettings {
-    time_levels: 3,
-    time_features: 2,
-    time_log2_table: 9,
-    time_n_min: 4,
-    time_n_max: 16,
-    time_cells: 2,
-    time_cells_max: 0,
+    moving_levels: 3,
+    moving_features: 2,
+    moving_log2_table: 9,
+    moving_n_min: 4,
+    moving_n_max: 16,
+    moving_times: 2,
+    moving_times_max: 0,
 };
 
 fn made(settings: TimeHashSettings) -> Box<dyn Features> {
@@ -124,11 +124,11 @@ fn a_checkpoint_goes_on_with_the_same_bits() {
 #[test]
 fn sizes_that_cannot_be_are_refused() {
     for settings in [
-        TimeHashSettings { time_levels: 0, ..SETTINGS },
-        TimeHashSettings { time_features: 5, ..SETTINGS },
-        TimeHashSettings { time_n_min: 32, ..SETTINGS },
-        TimeHashSettings { time_cells: 0, ..SETTINGS },
-        TimeHashSettings { time_cells_max: u32::MAX, ..SETTINGS },
+        TimeHashSettings { moving_levels: 0, ..SETTINGS },
+        TimeHashSettings { moving_features: 5, ..SETTINGS },
+        TimeHashSettings { moving_n_min: 32, ..SETTINGS },
+        TimeHashSettings { moving_times: 0, ..SETTINGS },
+        TimeHashSettings { moving_times_max: u32::MAX, ..SETTINGS },
     ] {
         let source = TimeHashSource::new(settings, [-1.0, 1.0].into());
         assert!(matches!(source.features(Rng::new(1, 1)), Err(SystemError::Config { .. })), "{settings:?}");

@@ -13,8 +13,8 @@ use scene_io::Scene;
 const FILM: &str = "two-parts";
 const THING: &str = "d-nerf";
 
-/// How settings begin that one of them alone has: those of a displacement and of the planes beside it, and those of a grid of planes.
-const IMPLIED: [(&str, &str); 11] = [
+/// How settings begin that one of them alone has: those of a displacement and of the planes beside it, and those of a hash grid of space and time.
+const IMPLIED: [(&str, &str); 12] = [
     ("warp", THING),
     ("origin", THING),
     ("time_", THING),
@@ -22,10 +22,11 @@ const IMPLIED: [(&str, &str); 11] = [
     ("coherence", THING),
     ("field", THING),
     ("sees", THING),
-    ("plane_vertices", FILM),
-    ("plane_scales", FILM),
-    ("plane_variation", FILM),
-    ("plane_transients", FILM),
+    ("moving_levels", FILM),
+    ("moving_features", FILM),
+    ("moving_log2_table", FILM),
+    ("moving_n_", FILM),
+    ("moving_times", FILM),
 ];
 
 /// The system for a scene that moves, where none is named. A setting that one of them alone has decides; otherwise whether photos show
@@ -66,6 +67,6 @@ mod tests {
         let (place, data) =
             scene(frames(3, |_, x, y| if middle(x) && middle(y) { [9, 9, 9, 255] } else { [255; 4] }), Vec::new());
         assert_eq!(chosen(&data, &place, &[]), "d-nerf");
-        assert_eq!(chosen(&data, &place, &["time_levels=4"]), "two-parts");
+        assert_eq!(chosen(&data, &place, &["moving_levels=4"]), "two-parts");
     }
 }

@@ -29,13 +29,13 @@ pub(crate) const CLAIM: Claim = Claim {
 /// What moves covers few pixels, each seen at few times: levels are fewer and coarser than those of the still part, and each
 /// moment has what was learnt of half a frame before and after it.
 const MOVING: TimeHashSettings = TimeHashSettings {
-    time_levels: 6,
-    time_features: 4,
-    time_log2_table: 17,
-    time_n_min: 16,
-    time_n_max: 256,
-    time_cells: 4,
-    time_cells_max: 0,
+    moving_levels: 6,
+    moving_features: 4,
+    moving_log2_table: 17,
+    moving_n_min: 16,
+    moving_n_max: 256,
+    moving_times: 4,
+    moving_times_max: 0,
 };
 
 /// A hash grid of space and time for what moves; all else is as in `ngp`.

@@ -74,7 +74,7 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
         "tineuvox" => &["voxels=12", "horizon=6", "voxels_every=0.33"],
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]"],
         "two-parts" => {
-            &["time_levels=4", "time_n_max=32", "time_log2_table=10", "batch_rays=2048", "batch_samples=16384"]
+            &["moving_levels=4", "moving_n_max=32", "moving_log2_table=10", "batch_rays=2048", "batch_samples=16384"]
         }
         // What photos need is found out by a training.
         "nerfies" | "hypernerf" => &["appearance=none"],

@@ -77,9 +77,9 @@ const ACCEPTED: [(&str, &str); 12] = [
     ),
     (
         "two-parts",
-        "horizon=4+moving_from=0.5 horizon=4+moving_from=0.5+time_levels=1+time_features=1 horizon=4+moving_from=0.5+time_log2_table=3
-        horizon=4+moving_from=0.5+time_n_min=1+time_n_max=1 horizon=4+moving_from=0.5+time_cells=1+time_cells_max=1
-        horizon=4+moving_from=0.5+time_features=8+time_cells_max=65536 moving_from=1.0 levels=1",
+        "horizon=4+moving_from=0.5 horizon=4+moving_from=0.5+moving_levels=1+moving_features=1 horizon=4+moving_from=0.5+moving_log2_table=3
+        horizon=4+moving_from=0.5+moving_n_min=1+moving_n_max=1 horizon=4+moving_from=0.5+moving_times=1+moving_times_max=1
+        horizon=4+moving_from=0.5+moving_features=8+moving_times_max=65536 moving_from=1.0 levels=1",
     ),
     (
         "endo-nerf",

@@ -65,9 +65,9 @@ pub(super) fn schedules(name: &str) -> &'static [&'static str] {
         "k-planes" => &["plane_vertices=8", "plane_scales=[1,2]", "plane_features=4"],
         // What moves comes after half of the steps, from enough pixels to be found.
         "two-parts" => &[
-            "time_levels=4",
-            "time_n_max=32",
-            "time_log2_table=10",
+            "moving_levels=4",
+            "moving_n_max=32",
+            "moving_log2_table=10",
             "batch_rays=1024",
             "batch_samples=16384",
             "horizon=60",
