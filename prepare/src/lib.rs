@@ -6,7 +6,7 @@
 //! programs is kept in `prepare.log`.
 //!
 //! [`priors`](fn@priors) makes priors of a scene that moves: optical flow between neighbouring photos ([`flow`]), and what moves by itself
-//! ([`motion`]).
+//! ([`motion`]); also of a [`Film`] whose cameras nobody knows.
 //!
 //! [`compare`] tells how far two sets of cameras are apart.
 
@@ -45,7 +45,7 @@ pub use compare::{Comparison, compare};
 pub use error::PrepareError;
 pub use outcome::{ENOUGH, Summary};
 pub use posers::Poser;
-pub use priors::{PriorsRequest, PriorsSummary, priors};
+pub use priors::{Film, FitSummary, PriorsRequest, PriorsSummary, Sequence, priors};
 pub use request::Request;
 pub use tool::Toolbox;
 pub use watch::{Event, Silent, Watch};

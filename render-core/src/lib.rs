@@ -39,6 +39,7 @@
 //!
 //! * [`error`]: why an input was refused
 //! * [`real`]: the two float types, for functions in both precisions
+//! * [`symmetric`]: eigenvectors of small symmetric matrices
 //!
 //! Functions come in pairs: `f(inputs, out)` and `f_backward(inputs, out_bar, inputs_bar)`, which adds to gradients unless its
 //! documentation says that it writes them. Poses are camera-to-world with CV axes (x right, y down, z forward), pixel centres
@@ -101,7 +102,7 @@ pub mod real;
 pub mod rig;
 pub mod sample;
 pub mod space_map;
-mod symmetric;
+pub mod symmetric;
 
 pub use float_core;
 pub use float_core::Simd;

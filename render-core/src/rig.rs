@@ -42,7 +42,7 @@ pub fn mean_up(poses: &[Pose]) -> Option<DVec3> {
 #[must_use]
 pub fn up_axis(poses: &[Pose]) -> Option<DVec3> {
     let n = poses.len() as f64;
-    let (values, axes) = eigen(second_moment(poses.iter().map(|p| p.r.x_axis)));
+    let (values, axes) = axes(second_moment(poses.iter().map(|p| p.r.x_axis)));
     let axis = if values[1] > TURNED && values[0] < LEVEL && values[0] < 0.25 * values[1] {
         axes[0]
     } else if values[1] <= TURNED {
@@ -60,6 +60,12 @@ pub fn up_axis(poses: &[Pose]) -> Option<DVec3> {
     axis.is_normalized().then_some(if way < 0.0 { -axis } else { axis })
 }
 
+/// Eigenvalues, ascending, and unit eigenvectors of a symmetric matrix.
+fn axes(m: DMat3) -> ([f64; 3], [DVec3; 3]) {
+    let (values, vectors) = eigen(m.to_cols_array_2d());
+    (values, vectors.map(|v| DVec3::from_array(v).normalize_or_zero()))
+}
+
 /// Mean of `v v^T`; zero without vectors.
 fn second_moment(vectors: impl Iterator<Item = DVec3>) -> DMat3 {
     let (mut sum, mut n) = (DMat3::ZERO, 0.0_f64);
@@ -73,7 +79,7 @@ fn second_moment(vectors: impl Iterator<Item = DVec3>) -> DMat3 {
 /// Normal of the plane of the camera centres, where they lie in one and go all round; its sign says nothing.
 fn ring_normal(poses: &[Pose]) -> Option<DVec3> {
     let middle = mean_centre(poses)?;
-    let (values, axes) = eigen(second_moment(poses.iter().map(|p| p.c - middle)));
+    let (values, axes) = axes(second_moment(poses.iter().map(|p| p.c - middle)));
     if values[0] > 0.02 * values[1] || values[1] < 0.2 * values[2] || values[2] <= 0.0 {
         return None;
     }

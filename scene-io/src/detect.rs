@@ -194,6 +194,18 @@ pub fn lacks_cameras(path: &Path, options: &LoadOptions) -> bool {
     detect(path, options).is_err_and(|error| error.kind() == ErrorKind::NoCameras)
 }
 
+/// Whether a path is a folder in which nothing says where photos were taken: no dataset, no COLMAP model that lacks files, and no folder
+/// with a dataset in it. Photos may be there.
+#[must_use]
+pub fn holds_no_dataset(path: &Path) -> bool {
+    let is_none = |error: SceneError| matches!(error.kind(), ErrorKind::Layout | ErrorKind::NoCameras);
+    path.is_dir()
+        && detect(path, &LoadOptions::default()).is_err_and(is_none)
+        && blender::training_files(path).is_empty()
+        && incomplete_model(path).is_none()
+        && datasets_in(path).is_empty()
+}
+
 /// Photos are there, and nothing that says where they were taken.
 fn without_cameras(path: &Path, found: &Unposed) -> SceneError {
     let what = match found {
@@ -218,24 +230,11 @@ fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
         Some(dialect) => format!("holds no {dialect} dataset; looked for {LOOKED_FOR}"),
         None => format!("holds no dataset that is known; looked for {LOOKED_FOR}"),
     };
-    let incomplete = ["sparse/0", "sparse", "."].iter().map(|s| path.join(s)).find(|folder| {
-        let has = |name: &str| folder.join(name).is_file();
-        has("cameras.bin") || has("cameras.txt") || has("images.bin") || has("images.txt")
-    });
+    let incomplete = incomplete_model(path);
     if let Some(folder) = &incomplete {
         what.push_str(&format!("; the COLMAP model in {} lacks its cameras or images file", folder.display()));
     }
-    let folders: Vec<String> = std::fs::read_dir(path)
-        .into_iter()
-        .flatten()
-        .filter_map(|e| e.ok().map(|e| e.path()))
-        .filter(|p| {
-            ["transforms_train.json", "transforms.json", "poses_bounds.npy", "precomputed.json", "dataset.json"]
-                .iter()
-                .any(|name| p.join(name).is_file())
-        })
-        .map(|p| p.display().to_string())
-        .collect();
+    let folders = datasets_in(path);
     if options.dialect.is_none()
         && folders.is_empty()
         && incomplete.is_none()
@@ -243,9 +242,52 @@ fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
     {
         return without_cameras(path, &found);
     }
-    let remedy = match folders.iter().min() {
-        Some(folder) => format!("a folder in it holds one: {folder}"),
+    let remedy = match folders.first() {
+        Some(folder) => format!("a folder in it holds one: {}", folder.display()),
         None => "give the folder that holds one of these".into(),
     };
     SceneError::new(ErrorKind::Layout, Problem::new(path, what, remedy))
+}
+
+/// The folder of a COLMAP model without its cameras or its images.
+fn incomplete_model(path: &Path) -> Option<PathBuf> {
+    ["sparse/0", "sparse", "."].iter().map(|s| path.join(s)).find(|folder| {
+        let has = |name: &str| folder.join(name).is_file();
+        has("cameras.bin") || has("cameras.txt") || has("images.bin") || has("images.txt")
+    })
+}
+
+/// Folders in a folder that hold a dataset, by name.
+fn datasets_in(path: &Path) -> Vec<PathBuf> {
+    const FILES: [&str; 5] =
+        ["transforms_train.json", "transforms.json", "poses_bounds.npy", "precomputed.json", "dataset.json"];
+    let entries = std::fs::read_dir(path).into_iter().flatten();
+    let mut folders: Vec<PathBuf> = entries
+        .filter_map(|e| e.ok().map(|e| e.path()))
+        .filter(|p| FILES.iter().any(|name| p.join(name).is_file()))
+        .collect();
+    folders.sort();
+    folders
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photos_alone_are_no_dataset_and_a_part_of_one_is_more_than_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir_all(at("rgb")).unwrap();
+        std::fs::write(at("rgb/1.jpg"), b"x").unwrap();
+        assert!(holds_no_dataset(folder.path()) && holds_no_dataset(&at("rgb")));
+        assert!(!holds_no_dataset(&at("rgb/1.jpg")) && !holds_no_dataset(&at("nowhere")));
+        for part in ["sparse/0/images.bin", "transforms_train_b.json", "inner/poses_bounds.npy", "transforms.json"] {
+            std::fs::create_dir_all(at(part).parent().unwrap()).unwrap();
+            std::fs::write(at(part), b"x").unwrap();
+            assert!(!holds_no_dataset(folder.path()), "{part}");
+            std::fs::remove_file(at(part)).unwrap();
+        }
+        assert!(holds_no_dataset(folder.path()));
+    }
 }

@@ -94,8 +94,11 @@ pub(crate) fn is_beside(path: &Path) -> bool {
     inner.is_some_and(|e| ["mask", "segs", "inpaint"].contains(&e))
 }
 
-/// The image files of a folder, sorted by name; those that belong to another (see [`crate::Priors`]) left out.
-pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+/// The image files of a folder that can be decoded, sorted by name; those that belong to another (see [`crate::Priors`]) left out.
+///
+/// # Errors
+/// [`ErrorKind::Io`] where the folder cannot be listed.
+pub fn images_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let entries = std::fs::read_dir(folder).map_err(|e| SceneError::io(folder, "list the folder", e))?;
     let mut files = Vec::new();
     for entry in entries {

@@ -49,7 +49,11 @@ pub(crate) struct Prepare {
 
 #[derive(Debug, Args)]
 pub(crate) struct Priors {
-    /// Dataset folder or file with cameras, or a `synthetic:` scene (see `check`)
+    /// Dataset folder or file with cameras, or a `synthetic:` scene (see `check`); or a folder of photos without cameras, the frames of
+    /// a film in the order of their names, or one that has such a folder in it (`images`, `rgb`, `frames`, or the only one)
+    ///
+    /// Without cameras, what moves leaves the fundamental matrix of the flow between two photos, or their homography where the camera
+    /// only turned or stood still.
     pub(crate) scene: String,
     /// Folder of the files (default: `priors` in the folder of the scene, which is read with it; `check` and `train` read another one with
     /// `--priors DIR`); a second call goes on where an earlier one ended

@@ -84,6 +84,70 @@ fn a_camera_that_stands_still_is_warned_of() {
     assert!(answer.err.contains("warning: 6 of 6 photos were taken from nearly the same place"), "{}", answer.err);
 }
 
+/// The training photos of [`video`] without what says where they were taken, in `DIR/film/rgb`.
+fn film() -> (TempDir, PathBuf) {
+    let (folder, scene) = video(OrbitCamera::Walking);
+    let film = folder.path().join("film");
+    fs::create_dir_all(film.join("rgb")).unwrap();
+    for i in 0..6 {
+        fs::copy(scene.join(format!("train/r_{i:03}.png")), film.join(format!("rgb/{i:04}.png"))).unwrap();
+    }
+    (folder, film)
+}
+
+#[test]
+fn a_film_without_cameras_has_priors_and_is_not_trained_on() {
+    let (folder, film) = film();
+    let answer = nerf_dynamic(&["priors", text(&film), "--progress", "lines"]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(answer.err.contains("no cameras: what moves is what leaves the fundamental matrix"), "{}", answer.err);
+    assert!(answer.out.contains("6 photos: ") && answer.out.contains("no cameras: "), "{}", answer.out);
+    let priors = film.join("priors");
+    assert!(priors.join("flow/0000_fwd.flo").is_file() && !priors.join("flow/0005_fwd.flo").exists());
+    assert_eq!(fs::read(priors.join("flow/0005_bwd.flo")).unwrap().len(), 12 + 8 * 40 * 36);
+    assert!(priors.join("motion_masks/0003.png").is_file());
+    let again = nerf_dynamic(&["priors", text(&film), "--progress", "lines"]);
+    assert!(again.err.contains("6 of 6 photos done before") && again.out == answer.out, "{}", again.err);
+    // The folder of the photos itself, fewer and smaller.
+    let (photos, out) = (film.join("rgb"), folder.path().join("small"));
+    let words = ["priors", text(&photos), "--out", text(&out), "--frames", "2", "--longest-side", "20"];
+    let answer = nerf_dynamic(&words);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert_eq!(fs::read(out.join("flow/0001_bwd.flo")).unwrap().len(), 12 + 8 * 20 * 18);
+    assert!(answer.out.contains("2 photos: ") && !photos.join("priors").exists(), "{}", answer.out);
+
+    let run = folder.path().join("run");
+    for (scene, part) in [(&film, "holds no dataset that is known"), (&photos, "holds 6 photos and no cameras")] {
+        let answer = nerf_dynamic(&["train", text(scene), "--out", text(&run), "--steps", "1"]);
+        assert!(answer.code == 1 && error_line(&answer).contains(part), "{}", answer.err);
+    }
+}
+
+#[test]
+fn photos_that_are_no_film_are_refused_in_one_line() {
+    let (folder, film) = film();
+    let photos = film.join("rgb");
+    let refused = |words: &[&str], part: &str| {
+        let answer = nerf_dynamic(words);
+        assert_eq!(answer.code, 1, "{words:?}: {}", answer.err);
+        assert!(error_line(&answer).contains(part), "{part}: {}", answer.err);
+    };
+    refused(&["priors", text(&film), "--holdout", "none"], "`--holdout`: for datasets with cameras");
+    refused(&["priors", text(&film), "--priors", text(&film)], "`--priors`: for datasets with cameras");
+    refused(&["priors", text(&film), "--exact"], "is not known exactly");
+    let one = folder.path().join("one");
+    fs::create_dir(&one).unwrap();
+    refused(&["priors", text(&one)], "holds no dataset that is known");
+    fs::copy(photos.join("0000.png"), one.join("a.png")).unwrap();
+    refused(&["priors", text(&one)], "holds one photo; flow needs two");
+    image::RgbImage::new(41, 36).save(photos.join("0006.png")).unwrap();
+    refused(&["priors", text(&film)], "0006.png: is 41x36, and rgb/0000.png is 40x36");
+    // A dataset that is broken is no film.
+    fs::write(film.join("transforms.json"), b"{").unwrap();
+    refused(&["priors", text(&film)], "transforms.json");
+    assert!(!film.join("priors").exists());
+}
+
 #[test]
 fn what_is_wrong_is_said_in_one_line() {
     let (folder, scene) = video(OrbitCamera::Walking);

@@ -1,5 +1,6 @@
 //! How far a flow vector is from what a point that stays could make.
 
+use super::fundamental::sampson;
 use glam::{DMat3, DVec2, DVec3};
 use render_core::camera::{Camera, Prepared};
 
@@ -7,8 +8,6 @@ use render_core::camera::{Camera, Prepared};
 const LEAST_COSINE: f64 = 0.1;
 /// Cameras closer than this share of their distance from the origin are at one place: `f64` knows no direction between them.
 const SAME_PLACE: f64 = 1e-9;
-/// Squared length of the derivative below which a point is the epipole itself: every line goes through it.
-const EPIPOLE: f64 = 1e-18;
 
 /// Two cameras at different places.
 pub(super) struct Epipolar {
@@ -51,15 +50,10 @@ impl Epipolar {
     }
 
     /// What the cameras say of a flow vector at a pixel (centres at `+ 0.5`); `None` where a lens has no ray.
-    ///
-    /// # Source
-    /// Hartley and Zisserman, "Multiple View Geometry", 2004, equation 11.9.
     pub(super) fn deviation(&self, pixel: DVec2, flow: DVec2) -> Option<Deviation> {
         let (from, to) = (ray(&self.here, pixel)?, ray(&self.there, pixel + flow)?);
         let (p, q) = (without_distortion(self.here.camera(), from), without_distortion(self.there.camera(), to));
-        let (line, line_back) = (self.fundamental * p, self.fundamental.transpose() * q);
-        let squared = line.truncate().length_squared() + line_back.truncate().length_squared();
-        let sampson = if squared > EPIPOLE { q.dot(line).abs() / squared.sqrt() } else { 0.0 };
+        let sampson = sampson(self.fundamental, p, q);
         let far = self.there.project_from_camera(self.turn * from)?;
         Some(Deviation { sampson, parallax: (pixel + flow - far).length() })
     }

@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::flow::flow_both_ways;
-use scene_io::Image;
+use glam::DVec2;
 use scene_io::synthetic::{Orbit, OrbitCamera, OrbitOptions, Snapshot, SnapshotView, orbit_views};
+use scene_io::{BitMask, Image};
 
 /// A picture of the stage with the two beside it in time.
 struct Shot {
@@ -130,11 +131,4 @@ fn a_way_too_short_for_its_direction_judges_nothing() {
     let seen = BitMask::from_fn(flow.width, flow.height, |_, _| true);
     let flow = Flow { width: flow.width, height: flow.height, vectors, seen };
     assert!(super::motion(&shot.views[1].camera, &[Neighbour { camera: &near, flow: &flow }]).is_blind());
-}
-
-#[test]
-fn the_middle_of_values_is_found() {
-    assert_eq!(median(vec![]), None);
-    assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
-    assert_eq!(median(vec![4.0, 1.0]), Some(4.0));
 }

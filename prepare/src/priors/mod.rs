@@ -1,16 +1,20 @@
 //! Priors of a scene that moves and has none: flow to the neighbours in time, and what moves; of a drawn scene exactly, with disparities.
 
 mod exact;
+mod film;
 mod mask;
 mod names;
 mod neighbours;
 mod pairs;
+mod sequence;
 mod summary;
 
-pub use summary::PriorsSummary;
+pub use film::Film;
+pub use sequence::Sequence;
+pub use summary::{FitSummary, PriorsSummary};
 
 use crate::error::PrepareError;
-use crate::motion::{Motion, Neighbour, motion};
+use crate::motion::{Fit, Motion, Neighbour, motion, motion_without_cameras};
 use crate::stage::{Stages, State, hash, hash_bytes, stamp};
 use crate::watch::{Event, Meter, Watch};
 use exact::Exact;
@@ -18,7 +22,7 @@ use names::{DISPARITY, EXACT, FLOW, Files, MADE, MASKS};
 use neighbours::Place;
 use pairs::{Pair, Pairs};
 use scene_io::synthetic::Drawn;
-use scene_io::{Frame, ImageSource, ImageStore, Scene, StoreOptions, write_disparity, write_flo};
+use scene_io::{Flow, Frame, ImageSource, ImageStore, Size, StoreOptions, write_disparity, write_flo};
 use std::path::{Path, PathBuf};
 use summary::Found;
 
@@ -27,13 +31,15 @@ const PHOTO_BYTES: u64 = 256 << 20;
 /// What is made, and how: another version is made anew.
 const VERSION: &str = "flow and masks 1";
 const EXACT_VERSION: &str = "exact flow, masks and disparities 1";
+/// The same for masks without cameras.
+const WITHOUT_CAMERAS: &str = "without cameras 1";
 
 /// Which priors are to be made.
 #[derive(Clone, Debug)]
 pub struct PriorsRequest<'a> {
-    /// The scene; its training photos are in the order of time.
-    pub scene: &'a Scene,
-    /// What the scene was drawn from: priors are exact then, and there are disparities. `None`: they are what the photos tell.
+    /// The photos, in the order of time.
+    pub sequence: Sequence<'a>,
+    /// What the scene was drawn from: priors are exact then, and there are disparities; a film has none. `None`: they are what the photos tell.
     pub exact: Option<&'a Drawn>,
     /// Folder of the priors.
     pub out: PathBuf,
@@ -54,37 +60,46 @@ struct Job<'a> {
 
 /// Writes flow between neighbouring training photos (`flow/NAME_fwd.flo`, `flow/NAME_bwd.flo`) and what moves in each (`motion_masks/NAME.png`: 255
 /// moves, 0 stays, 127 was not judged) into a folder; where priors are exact, disparities as well (`disp/NAME.npy`). What is there and was made from
-/// the same photos and cameras is kept.
+/// the same photos and cameras is kept. Photos of a film without cameras are training photos, all of them.
 ///
 /// # Errors
 /// [`PrepareError`], with what to do about it.
 pub fn priors(request: &PriorsRequest<'_>, watch: &mut dyn Watch) -> Result<PriorsSummary, PrepareError> {
-    let scene = request.scene;
-    let places = neighbours::in_time(scene, request.frames);
+    let sequence = request.sequence;
+    let places = neighbours::in_time(sequence.frames(), request.frames);
     if places.len() < 2 {
         let what = format!("has {} training photos", places.len());
-        return Err(PrepareError::input(&scene.root, what, "flow needs two at least"));
+        return Err(PrepareError::input(sequence.root(), what, "flow needs two at least"));
+    }
+    if request.exact.is_some() && !sequence.has_cameras() {
+        let remedy = "only drawn scenes have exact priors: leave out --exact";
+        return Err(PrepareError::input(sequence.root(), "holds photos alone", remedy));
     }
     let kind = Kind::of(request);
     let stages = Stages { folder: request.out.join(kind.markers) };
     claim(&request.out, kind)?;
     let options = StoreOptions::default().with_longest_side(request.longest_side).with_budget_bytes(PHOTO_BYTES);
-    let photos = ImageStore::new(&scene.frames, options)?;
+    let photos = ImageStore::new(sequence.frames(), options)?;
     photos.check_sizes()?;
     let jobs = jobs(request, &photos, &places)?;
     let mut found: Vec<Option<Found>> = jobs.iter().map(|job| done(job, request, &stages)).collect();
+    if !sequence.has_cameras() {
+        let plan = "no cameras: what moves is what leaves the fundamental matrix of the flow between two photos, or their homography where GRIC \
+                    prefers it";
+        watch.event(Event::Note(plan));
+    }
     let kept = found.iter().flatten().count();
     if kept > 0 {
         watch.event(Event::Note(&format!("priors: {kept} of {} photos done before", jobs.len())));
     }
     let mut meter = Meter::new(kind.stage, jobs.len() - kept);
-    let exact = request.exact.map(|drawn| Exact::new(drawn, &scene.frames, &photos));
+    let exact = request.exact.map(|drawn| Exact::new(drawn, sequence.frames(), &photos));
     let (mut pairs, mut made) = (Pairs::new(&photos, exact), 0);
     for (job, found) in jobs.iter().zip(&mut found).filter(|(_, found)| found.is_none()) {
         if watch.stop_asked() {
             return Err(PrepareError::Stopped);
         }
-        *found = Some(make(job, &request.out, &stages, &mut pairs)?);
+        *found = Some(make(job, request, &stages, &mut pairs)?);
         made += 1;
         meter.reach(made, watch);
     }
@@ -150,15 +165,17 @@ fn claim(out: &Path, kind: Kind) -> Result<(), PrepareError> {
 
 /// What each photo needs, in the order of time.
 fn jobs<'a>(request: &PriorsRequest<'a>, photos: &ImageStore, places: &[Place]) -> Result<Vec<Job<'a>>, PrepareError> {
-    let frames = &request.scene.frames;
+    let sequence = request.sequence;
+    let frames = sequence.frames();
     // Of all photos: names depend neither on the split nor on how many are asked for.
-    let lies: Vec<PathBuf> = frames.iter().map(|frame| lies(&request.scene.root, frame)).collect();
+    let lies: Vec<PathBuf> = frames.iter().map(|frame| lies(sequence.root(), frame)).collect();
     let files = Files::of(&request.out, &lies)?;
     let version = Kind::of(request).version;
     let about = |i: usize| format!("{} {:?}", photo_stamp(&frames[i]), photos.camera(i));
     let job = |place: &Place| {
         let [before, after] = [place.before, place.after].map(|i| i.map_or_else(|| "none".into(), about));
-        let inputs = hash([version.to_owned(), about(place.frame), before, after]);
+        let judged = (!sequence.has_cameras()).then(|| WITHOUT_CAMERAS.to_owned());
+        let inputs = hash([version.to_owned(), about(place.frame), before, after].into_iter().chain(judged));
         Job { frame: &frames[place.frame], place: *place, files: files[place.frame].clone(), inputs }
     };
     Ok(places.iter().map(job).collect())
@@ -196,7 +213,12 @@ fn done(job: &Job<'_>, request: &PriorsRequest<'_>, stages: &Stages) -> Option<F
 }
 
 /// Makes the priors of a photo.
-fn make(job: &Job<'_>, out: &Path, stages: &Stages, pairs: &mut Pairs<'_>) -> Result<Found, PrepareError> {
+fn make(
+    job: &Job<'_>,
+    request: &PriorsRequest<'_>,
+    stages: &Stages,
+    pairs: &mut Pairs<'_>,
+) -> Result<Found, PrepareError> {
     // Files of other inputs must not be taken for these, should this be stopped half way.
     stages.begin(&job.files.stage, &job.inputs)?;
     let Place { frame, before, after } = job.place;
@@ -204,7 +226,7 @@ fn make(job: &Job<'_>, out: &Path, stages: &Stages, pairs: &mut Pairs<'_>) -> Re
     let on = after.map(|after| pairs.get(frame, after)).transpose()?;
     let (back, on) = (back.as_ref().map(Pair::backward), on.as_ref().map(Pair::forward));
     for (file, flow) in [(&job.files.backward, back), (&job.files.forward, on)] {
-        let path = out.join(file);
+        let path = request.out.join(file);
         match flow {
             Some(flow) => write_flo(&path, flow)?,
             None => remove(&path)?,
@@ -214,15 +236,20 @@ fn make(job: &Job<'_>, out: &Path, stages: &Stages, pairs: &mut Pairs<'_>) -> Re
         .into_iter()
         .filter_map(|(i, flow)| Some(Neighbour { camera: pairs.camera(i?), flow: flow? }))
         .collect();
-    let moves = match pairs.exact() {
+    let camera = pairs.camera(frame);
+    let (moves, fits) = match pairs.exact() {
         Some(exact) => {
-            write_disparity(&out.join(&job.files.disparity), &exact.disparity(frame)?)?;
-            exact.motion(frame)?
+            write_disparity(&request.out.join(&job.files.disparity), &exact.disparity(frame)?)?;
+            (exact.motion(frame)?, Vec::new())
         }
-        None => motion(pairs.camera(frame), &neighbours),
+        None if request.sequence.has_cameras() => (motion(camera, &neighbours), Vec::new()),
+        None => {
+            let flows: Vec<&Flow> = neighbours.iter().map(|neighbour| neighbour.flow).collect();
+            motion_without_cameras(Size::from(camera), &flows)
+        }
     };
-    mask::write_motion(&out.join(&job.files.mask), &moves)?;
-    let found = found(&moves, &neighbours);
+    mask::write_motion(&request.out.join(&job.files.mask), &moves)?;
+    let found = found(&moves, &neighbours, fits);
     let facts = serde_json::to_value(&found).unwrap_or_default();
     stages.finish(&job.files.stage, &job.inputs, facts)?;
     Ok(found)
@@ -236,14 +263,17 @@ fn remove(path: &Path) -> Result<(), PrepareError> {
     }
 }
 
-fn found(moves: &Motion, neighbours: &[Neighbour<'_>]) -> Found {
+fn found(moves: &Motion, neighbours: &[Neighbour<'_>], fits: Vec<Fit>) -> Found {
     let seen: Vec<f64> = neighbours.iter().map(|neighbour| neighbour.flow.seen.share()).collect();
     Found {
         seen: (!seen.is_empty()).then(|| seen.iter().sum::<f64>() / seen.len() as f64),
         judged: moves.judged.share(),
         moving: moves.moving.share(),
+        fits,
     }
 }
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_of_films;

@@ -1,6 +1,6 @@
 //! Which photos come before and after each other.
 
-use scene_io::{Scene, Size, Split};
+use scene_io::{Frame, Size, Split};
 
 /// A training photo and its neighbours in time: indices of frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,11 +12,11 @@ pub(super) struct Place {
 
 /// The training photos in the order of time, at most so many: camera by camera, where several filmed at one time. Held-out photos are
 /// no neighbours: nothing may be learnt from them. Nor are photos of another size.
-pub(super) fn in_time(scene: &Scene, most: Option<usize>) -> Vec<Place> {
-    let camera = |i: usize| scene.frames[i].ids.map_or(0, |ids| ids.camera);
-    let time = |i: usize| scene.frames[i].time.unwrap_or(i as f64);
-    let size = |i: usize| Size::from(&scene.frames[i].camera);
-    let mut order: Vec<usize> = scene.split(Split::Train).collect();
+pub(super) fn in_time(frames: &[Frame], most: Option<usize>) -> Vec<Place> {
+    let camera = |i: usize| frames[i].ids.map_or(0, |ids| ids.camera);
+    let time = |i: usize| frames[i].time.unwrap_or(i as f64);
+    let size = |i: usize| Size::from(&frames[i].camera);
+    let mut order: Vec<usize> = (0..frames.len()).filter(|i| frames[*i].split == Split::Train).collect();
     // Photos of one time keep the order of the file.
     order.sort_by(|a, b| camera(*a).cmp(&camera(*b)).then(time(*a).total_cmp(&time(*b))));
     order.truncate(most.unwrap_or(usize::MAX));
@@ -33,15 +33,15 @@ pub(super) fn in_time(scene: &Scene, most: Option<usize>) -> Vec<Place> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scene_io::FrameIds;
     use scene_io::synthetic::{OrbitOptions, orbit};
+    use scene_io::{FrameIds, Scene};
 
     fn scene() -> Scene {
         orbit(&OrbitOptions { width: 8, height: 8, train: 5, test: 2, rays: 1, ..OrbitOptions::default() })
     }
 
     fn numbers(scene: &Scene, most: Option<usize>) -> Vec<(usize, Option<usize>, Option<usize>)> {
-        in_time(scene, most).iter().map(|p| (p.frame, p.before, p.after)).collect()
+        in_time(&scene.frames, most).iter().map(|p| (p.frame, p.before, p.after)).collect()
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::flow::flow_both_ways;
 use crate::watch::Silent;
 use glam::{DVec2, DVec3};
 use scene_io::synthetic::{Orbit, OrbitCamera, OrbitOptions, orbit, write_orbit};
-use scene_io::{LoadOptions, MotionFiles, Split, load};
+use scene_io::{LoadOptions, MotionFiles, Scene, Split, load};
 
 fn options(camera: OrbitCamera) -> OrbitOptions {
     OrbitOptions { width: 40, height: 36, train: 5, test: 1, rays: 1, camera, ..OrbitOptions::default() }
@@ -16,7 +16,8 @@ fn scene(camera: OrbitCamera) -> Scene {
 }
 
 fn request<'a>(scene: &'a Scene, out: &Path) -> PriorsRequest<'a> {
-    PriorsRequest { scene, exact: None, out: out.to_path_buf(), frames: None, longest_side: None }
+    let sequence = Sequence::Scene(scene);
+    PriorsRequest { sequence, exact: None, out: out.to_path_buf(), frames: None, longest_side: None }
 }
 
 /// What the scenes here are drawn from.
@@ -26,7 +27,7 @@ fn drawn() -> Drawn {
 }
 
 /// Every file below a folder but the markers, by its path from there, with its bytes.
-fn files_in(folder: &Path) -> Vec<(String, Vec<u8>)> {
+pub(super) fn files_in(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let (mut found, mut open) = (Vec::new(), vec![folder.to_path_buf()]);
     while let Some(next) = open.pop() {
         for entry in std::fs::read_dir(&next).unwrap() {
@@ -43,14 +44,14 @@ fn files_in(folder: &Path) -> Vec<(String, Vec<u8>)> {
     found
 }
 
-fn names_in(folder: &Path) -> Vec<String> {
+pub(super) fn names_in(folder: &Path) -> Vec<String> {
     files_in(folder).into_iter().map(|(name, _)| name).collect()
 }
 
 /// Asks to stop once so many parts are done.
-struct Impatient {
-    parts: usize,
-    most: usize,
+pub(super) struct Impatient {
+    pub(super) parts: usize,
+    pub(super) most: usize,
 }
 
 impl Watch for Impatient {

@@ -5,7 +5,7 @@ use crate::error::BenchError;
 use engine::RunError;
 use engine::options::DataOptions;
 use engine::source::as_asked;
-use prepare::{PriorsRequest, Silent};
+use prepare::{PriorsRequest, Sequence, Silent};
 use scene_io::Scene;
 use scene_io::synthetic::{Drawn, Orbit, OrbitCamera, OrbitOptions, orbit};
 use std::path::Path;
@@ -59,8 +59,8 @@ impl Film {
         let OrbitOptions { seed, motion, .. } = self.options(bench.extent);
         let stage = Drawn::Orbit(Orbit::new(seed, motion));
         let exact = (self.priors == PriorsFrom::Stage).then_some(&stage);
-        let request =
-            PriorsRequest { scene: &scene, exact, out: folder.join(PRIORS), frames: None, longest_side: None };
+        let sequence = Sequence::Scene(&scene);
+        let request = PriorsRequest { sequence, exact, out: folder.join(PRIORS), frames: None, longest_side: None };
         let made = prepare::priors(&request, &mut Silent).map_err(BenchError::part)?;
         let camera = match self.camera {
             OrbitCamera::Jumping => "a camera that jumps from photo to photo",
