@@ -43,13 +43,18 @@ impl TimeHashSettings {
     fn grid(&self, times: &[f32]) -> Result<TimeHash, SystemError> {
         let bad = |field, value, problem: String| SystemError::Config { field, value, problem };
         at_most(&[("moving_levels", self.moving_levels, MOST_LAYERS)])?;
-        let last = if self.moving_times_max == 0 { steps_of_time(times) } else { self.moving_times_max };
+        let along = match self.moving_times_max {
+            0 => steps_of_time(times),
+            last => last,
+        };
+        // What the photos say is not less than what was asked for.
+        let first = if self.moving_times_max == 0 { self.moving_times.min(along) } else { self.moving_times };
         TimeHash::new(TimeHashConfig {
             levels: self.moving_levels,
             features: self.moving_features,
             log2_table: self.moving_log2_table,
             space: [self.moving_n_min, self.moving_n_max],
-            time: [self.moving_times.min(last), last],
+            time: [first, along],
         })
         .map_err(|e| {
             bad(
@@ -84,6 +89,7 @@ impl FeatureSource for TimeHashSource {
         let settings = TimeHashSettings {
             moving_levels: 5,
             moving_features: 2,
+            moving_n_min: self.settings.moving_n_min.min(16),
             moving_n_max: 128 << round.min(2),
             moving_log2_table: self.settings.moving_log2_table.min(17),
             ..self.settings
@@ -121,6 +127,8 @@ struct LevelState {
 
 /// Times in `[0, 1]`, of times in `[-1, 1]`.
 fn fill_times(times: &[f32], out: &mut [f32]) {
+    // Photos that are all of one time have none.
+    out.fill(0.0);
     out.iter_mut().zip(times).for_each(|(out, t)| *out = 0.5 * t + 0.5);
 }
 
@@ -221,7 +229,7 @@ impl Features for TimeHashFeatures {
 
     /// Each level is one task: its gradient, scattered in the order of the samples, and Adam on the entries that it touched.
     fn step(&mut self, lr: f64, parts: &[Part<'_>]) -> usize {
-        self.times.resize_with(parts.len(), Vec::new);
+        self.times.resize_with(self.times.len().max(parts.len()), Vec::new);
         for (times, part) in self.times.iter_mut().zip(parts) {
             fill_times(part.places.times, sized(times, part.places.len()));
         }

@@ -70,9 +70,9 @@ fn gradients_are_those_of_differences() {
     let base = dot(&encode(&*features, &x, &times));
     for (i, grad) in grad.iter().enumerate().step_by(7) {
         features.parameters_mut()[i] = (at[i] + 1.0) as f32;
-        let slope = dot(&encode(&*features, &x, &times)) - base;
+        let difference = dot(&encode(&*features, &x, &times)) - base;
         features.parameters_mut()[i] = at[i] as f32;
-        assert!((slope - f64::from(*grad)).abs() < 1e-3 * (1.0 + slope.abs()), "{i}: {grad}, {slope}");
+        assert!((difference - f64::from(*grad)).abs() < 1e-3 * (1.0 + difference.abs()), "{i}: {grad}, {difference}");
     }
     let mut x_bar = vec![0.0; 3 * n];
     features.pull_positions(places, &bars, Detail::All, &mut x_bar);

@@ -293,7 +293,9 @@ impl Occupancy {
         let spans = spans.map(|(times, bins)| Spans { bins, all: times.all(), level: grid.level() });
         // Whole blocks of `TASK` to each task.
         let share = TASK * self.cells.len().div_ceil(TASK * TASKS).max(1);
-        self.found.resize_with(self.cells.len().div_ceil(share), Vec::new);
+        // Never fewer: what an update does not need has its place at the next.
+        let found = self.found.len().max(self.cells.len().div_ceil(share));
+        self.found.resize_with(found, Vec::new);
         self.found.iter_mut().for_each(Vec::clear);
         let tasks = self.thickness.par_chunks_mut(share).zip(self.cells.par_chunks(share)).zip(&mut self.found);
         // As many as there are threads, not tasks: what a prober holds from the task before says nothing about the next.

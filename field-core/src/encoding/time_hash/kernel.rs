@@ -73,8 +73,9 @@ impl Place<'_> {
         for (axis, x) in block(&self.rows, from).iter().enumerate() {
             let (count, last) = (self.cells(axis), self.cells(axis) - 1.0);
             for lane in 0..LANES {
-                // `max` makes NaN 0.
-                let p = x[lane].max(0.0).min(1.0) * count;
+                // Not `clamp`, which keeps NaN.
+                let x = if x[lane] > 0.0 { x[lane] } else { 0.0 };
+                let p = if x < 1.0 { x } else { 1.0 } * count;
                 // Signed: what vector instructions convert.
                 let low = (p as i32 as f32).min(last);
                 cells.low[axis][lane] = low as i32 as u32;
@@ -129,11 +130,10 @@ impl Place<'_> {
     /// What the `unsafe` below relies on: every entry that [`Place::simplices`] gives lies in a table of so many numbers.
     fn check<const F: usize>(&self, table: &[f32]) {
         let TimeLevel { cells: [side, times], entries, dense, .. } = self.level;
-        let vertices = (u64::from(side) + 1).pow(3) * (u64::from(times) + 1);
-        assert!(
-            if dense { vertices <= u64::from(entries) } else { entries.is_power_of_two() },
-            "a level of another shape"
-        );
+        // Those of levels that are hashed would not fit `u64`.
+        let vertices = (u128::from(side) + 1).pow(3) * (u128::from(times) + 1);
+        let fits = if dense { vertices <= u128::from(entries) } else { entries.is_power_of_two() };
+        assert!(fits, "a level of another shape");
         assert!(table.len() as u64 >= u64::from(entries) * F as u64, "a level's table has the wrong length");
     }
 

@@ -35,6 +35,10 @@ pub use super::lattice::kernel::BLOCK_FLOATS;
 
 /// Prime of the hash for the time.
 const TIME_PRIME: u32 = 3_674_653_429;
+/// Most cells along an axis: a place in a cell keeps 10 bits of single precision.
+const MOST_CELLS: u32 = 1 << 14;
+/// Most numbers of a table: 2 GiB.
+const MOST_NUMBERS: u64 = 1 << 29;
 /// Most levels a grid can have.
 pub const MAX_LEVELS: usize = 32;
 /// Sizes of a [`TimeHash`].
@@ -67,6 +71,9 @@ pub struct TimeLevel {
 
 impl TimeLevel {
     /// Entry, counted from the start of the level, of the vertex at integer coordinates `(x, y, z, t)`.
+    ///
+    /// # Panics
+    /// May do so outside of a dense level, or where `entries` was set to 0, which no level of a grid has.
     #[must_use]
     pub fn entry(&self, v: [u32; 4]) -> u32 {
         if self.dense {
@@ -117,21 +124,24 @@ impl TimeHash {
         if !(3..=28).contains(&config.log2_table) {
             return refuse("log2_table", f64::from(config.log2_table), "3 to 28");
         }
-        for (what, [first, last], most) in [("space", config.space, 1 << 20), ("time", config.time, 1 << 16)] {
+        for (what, [first, last], most) in [("space", config.space, MOST_CELLS), ("time", config.time, MOST_CELLS)] {
             if first == 0 || first > last || last > most {
-                return refuse(
-                    what,
-                    f64::from(last),
-                    "at least 1 cell, at most 2^20 of space and 2^16 of time, in order",
-                );
+                return refuse(what, f64::from(last), "1 to 2^14 cells, the coarsest level first");
             }
         }
         let table = 1_u64 << config.log2_table;
+        if (config.levels * config.features) as u64 * table > MOST_NUMBERS {
+            return refuse(
+                "log2_table",
+                f64::from(config.log2_table),
+                "levels * features * 2^log2_table of at most 2^29",
+            );
+        }
         let mut offset = 0;
         let levels = (0..config.levels).map(|l| {
             let share = l as f64 / (config.levels - 1).max(1) as f64;
             let cells = [between(config.space, share), between(config.time, share)];
-            // At most 2^77: compared with a table of at most 2^28.
+            // At most 2^57: compared with a table of at most 2^28.
             let [side, along] = cells.map(|cells| f64::from(cells + 1));
             let vertices = side * side * side * along;
             let dense = vertices <= table as f64;

@@ -130,8 +130,18 @@ fn every_simd_level_gives_the_same_bits() {
     let grid = TimeHash::new(config()).unwrap();
     let (params, n) = (params(&grid), 45);
     let (x, t) = (random(3 * n, 2), random(n, 3));
-    let all = |simd| encode(&grid, simd, &params, &x, &t);
-    assert_eq!(all(Simd::SCALAR), all(Simd::best()));
+    let bars = random(grid.config().features * n, 4);
+    let all = |simd| {
+        let level = grid.levels().len() - 1;
+        let (mut x_bar, mut grad) = (vec![0.0; 3 * n], vec![0.0; grid.level_range(level).len()]);
+        let mut touched = vec![0; grad.len().div_ceil(BLOCK_FLOATS).div_ceil(64)];
+        grid.encode_level_backward(simd, level, &x, &t, &bars, &mut grad, &mut touched).unwrap();
+        grid.encode_level_backward_x(simd, &params, level, &x, &t, &bars, &mut x_bar).unwrap();
+        (encode(&grid, simd, &params, &x, &t), grad, touched, x_bar)
+    };
+    for simd in Simd::available() {
+        assert!(all(simd) == all(Simd::SCALAR), "{simd:?}");
+    }
 }
 
 #[test]
@@ -190,6 +200,15 @@ fn extremes_are_clamped_and_no_points_are_no_work() {
 }
 
 #[test]
+fn the_most_cells_there_may_be_are_no_problem() {
+    let most = TimeHashConfig { log2_table: 3, space: [1, 1 << 14], time: [1, 1 << 14], ..config() };
+    let grid = TimeHash::new(most).unwrap();
+    let (x, t) = (random(60, 2), random(20, 3));
+    let out = encode(&grid, Simd::best(), &params(&grid), &x, &t);
+    assert!(out.iter().all(|out| out.abs() <= 1.0), "{out:?}");
+}
+
+#[test]
 fn what_cannot_be_is_refused() {
     for bad in [
         TimeHashConfig { levels: 0, ..config() },
@@ -198,6 +217,7 @@ fn what_cannot_be_is_refused() {
         TimeHashConfig { space: [8, 4], ..config() },
         TimeHashConfig { space: [0, 4], ..config() },
         TimeHashConfig { time: [1, 1 << 20], ..config() },
+        TimeHashConfig { log2_table: 28, levels: 4, ..config() },
     ] {
         assert!(matches!(TimeHash::new(bad), Err(FieldError::Config { .. })), "{bad:?}");
     }

@@ -26,8 +26,8 @@ pub(crate) const CLAIM: Claim = Claim {
     mark: "",
 };
 
-/// What moves covers few pixels, each seen at few times: levels are fewer and coarser than those of the still part, and each
-/// moment has what was learnt of half a frame before and after it.
+/// What moves covers few pixels, each seen at few times: levels are fewer and coarser than those of the still part, and a
+/// cell of the finest is as long as two steps from photo to photo.
 const MOVING: TimeHashSettings = TimeHashSettings {
     moving_levels: 6,
     moving_features: 4,

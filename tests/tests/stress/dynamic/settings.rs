@@ -79,7 +79,7 @@ const ACCEPTED: [(&str, &str); 12] = [
         "two-parts",
         "horizon=4+moving_from=0.5 horizon=4+moving_from=0.5+moving_levels=1+moving_features=1 horizon=4+moving_from=0.5+moving_log2_table=3
         horizon=4+moving_from=0.5+moving_n_min=1+moving_n_max=1 horizon=4+moving_from=0.5+moving_times=1+moving_times_max=1
-        horizon=4+moving_from=0.5+moving_features=8+moving_times_max=65536 moving_from=1.0 levels=1",
+        horizon=4+moving_from=0.5+moving_features=8+moving_times_max=16384 moving_from=1.0 levels=1",
     ),
     (
         "endo-nerf",
