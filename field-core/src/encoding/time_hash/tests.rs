@@ -92,8 +92,11 @@ fn what_is_linear_is_met_exactly() {
 
 #[test]
 fn gradients_are_those_of_differences() {
-    let grid = TimeHash::new(config()).unwrap();
-    let (params, n) = (params(&grid), 19);
+    // Few numbers: all of them are changed, one after the other.
+    let few = TimeHashConfig { levels: 3, log2_table: 5, space: [1, 12], time: [1, 5], ..config() };
+    let grid = TimeHash::new(few).unwrap();
+    assert!(grid.levels()[0].dense && !grid.levels()[2].dense);
+    let (params, n) = (params(&grid), 18);
     let (x, t, bars) = (random(3 * n, 2), random(n, 3), random(grid.out_rows() * n, 4));
     let rows = grid.config().features * n;
     let (mut grad, mut x_bar) = (vec![0.0; params.len()], vec![0.0; x.len()]);
@@ -146,7 +149,7 @@ fn every_simd_level_gives_the_same_bits() {
 
 #[test]
 fn dense_levels_share_nothing_and_hashes_stay_inside() {
-    let grid = TimeHash::new(config()).unwrap();
+    let grid = TimeHash::new(TimeHashConfig { space: [2, 12], time: [1, 4], ..config() }).unwrap();
     for level in grid.levels() {
         let [side, steps] = level.cells.map(|cells| cells + 1);
         let mut seen = vec![0; level.entries as usize];
