@@ -201,7 +201,7 @@ impl TimeHash {
         t: &[f32],
         out: &mut [f32],
     ) -> Result<(), FieldError> {
-        let place = self.place(level, x, t, ("out", out.len()))?;
+        let place = self.place(level, x, t, "out", out.len())?;
         check_len("params", params.len(), self.params_len())?;
         let table = &params[self.level_range(level)];
         match self.config.features {
@@ -229,7 +229,7 @@ impl TimeHash {
         grad: &mut [f32],
         touched: &mut [u64],
     ) -> Result<(), FieldError> {
-        let place = self.place(level, x, t, ("out_bar", out_bar.len()))?;
+        let place = self.place(level, x, t, "out_bar", out_bar.len())?;
         let floats = self.level_range(level).len();
         check_len("grad", grad.len(), floats)?;
         check_len("touched", touched.len(), floats.div_ceil(BLOCK_FLOATS).div_ceil(64))?;
@@ -257,7 +257,7 @@ impl TimeHash {
         out_bar: &[f32],
         x_bar: &mut [f32],
     ) -> Result<(), FieldError> {
-        let place = self.place(level, x, t, ("out_bar", out_bar.len()))?;
+        let place = self.place(level, x, t, "out_bar", out_bar.len())?;
         check_len("params", params.len(), self.params_len())?;
         check_len("x_bar", x_bar.len(), x.len())?;
         let (table, x_bar) = (&params[self.level_range(level)], rows_mut(x_bar));
@@ -276,7 +276,8 @@ impl TimeHash {
         level: usize,
         x: &'a [f32],
         t: &'a [f32],
-        (name, len): (&'static str, usize),
+        name: &'static str,
+        len: usize,
     ) -> Result<Place<'a>, FieldError> {
         let Some(&of) = self.levels.get(level) else {
             return Err(FieldError::Index { what: "level", index: 0, got: level, limit: self.levels.len() });

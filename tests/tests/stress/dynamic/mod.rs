@@ -106,7 +106,7 @@ fn has_part(name: &str, setting: &str) -> bool {
         "ambient" => has(&["hypernerf"]),
         "elastic" | "background" => has(&["nerfies", "hypernerf"]),
         "levels" | "log2" | "n" => !has(&["tineuvox", "k-planes"]),
-        "plane" | "planes" => !has(&["ngp", "tineuvox"]),
+        "plane" | "planes" => !has(&["ngp", "tineuvox", "two-parts"]),
         "time" if setting.starts_with("time_code") || setting.starts_with("time_input") => {
             !has(&["ngp", "k-planes", "two-parts"])
         }
