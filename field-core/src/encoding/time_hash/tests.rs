@@ -52,7 +52,9 @@ fn wide(x: &[f32]) -> Vec<f64> {
 
 #[test]
 fn features_are_those_of_the_definition() {
-    for features in [1, 2, 4, 8] {
+    // An interpreter takes its time.
+    let all: &[usize] = if cfg!(miri) { &[2] } else { &[1, 2, 4, 8] };
+    for &features in all {
         let grid = TimeHash::new(TimeHashConfig { features, ..config() }).unwrap();
         assert!(grid.levels().iter().any(|l| l.dense) && grid.levels().iter().any(|l| !l.dense), "{:?}", grid.levels());
         let (params, n) = (params(&grid), 21);
@@ -93,10 +95,11 @@ fn what_is_linear_is_met_exactly() {
 #[test]
 fn gradients_are_those_of_differences() {
     // Few numbers: all of them are changed, one after the other.
-    let few = TimeHashConfig { levels: 3, log2_table: 5, space: [1, 12], time: [1, 5], ..config() };
+    let few = TimeHashConfig { levels: 2, log2_table: 4, space: [1, 12], time: [1, 5], ..config() };
     let grid = TimeHash::new(few).unwrap();
-    assert!(grid.levels()[0].dense && !grid.levels()[2].dense);
-    let (params, n) = (params(&grid), 18);
+    assert!(grid.levels()[0].dense && !grid.levels()[1].dense);
+    // An interpreter takes its time; nineteen are more than a block.
+    let (params, n) = (params(&grid), if cfg!(miri) { 3 } else { 19 });
     let (x, t, bars) = (random(3 * n, 2), random(n, 3), random(grid.out_rows() * n, 4));
     let rows = grid.config().features * n;
     let (mut grad, mut x_bar) = (vec![0.0; params.len()], vec![0.0; x.len()]);
