@@ -6,7 +6,7 @@
 //! programs is kept in `prepare.log`.
 //!
 //! [`priors`](fn@priors) makes priors of a scene that moves: optical flow between neighbouring photos ([`flow`]), and what moves by itself
-//! ([`motion`]); also of a [`Film`] whose cameras nobody knows.
+//! ([`motion`]); also of a [`Film`] without cameras.
 //!
 //! [`compare`] tells how far two sets of cameras are apart.
 

@@ -12,10 +12,13 @@ impl Scene {
     /// those that are known. Photos in memory are found by their names.
     ///
     /// # Errors
-    /// [`ErrorKind::Value`] where it holds nothing of any training photo.
+    /// [`ErrorKind::Value`] where it holds nothing of any training photo; the scene stays as it is then.
     pub fn take_priors(&mut self, folder: &Path) -> Result<(), SceneError> {
-        put(&self.root, &mut self.frames, folder);
-        refuse_nothing(&self.frames, folder)
+        let mut frames = self.frames.clone();
+        put(&self.root, &mut frames, folder);
+        refuse_nothing(&frames, folder)?;
+        self.frames = frames;
+        Ok(())
     }
 }
 

@@ -7,8 +7,8 @@ use scene_io::{BitMask, Flow, Size};
 
 /// Distance from what a point that stays could make below which nothing counts as moving, pixels: what a flow is wrong by here and there.
 pub(super) const LEAST_DISTANCE: f64 = 0.75;
-/// Distances above the median by so many standard deviations (1.4826 times the median of the deviations from it) are none of the
-/// flow's errors.
+/// A pixel moves where its distance is more than this many standard deviations above the median. The standard deviation is taken to be
+/// 1.4826 times the median of absolute deviations, which what moves does not change.
 const OUTLIER: f64 = 5.0;
 /// Share of a picture's pixels whose flow has to be known.
 const LEAST_KNOWN: f64 = 0.01;

@@ -1,4 +1,4 @@
-//! The photos of a film whose cameras nobody knows.
+//! The photos of a film whose cameras are not known.
 
 use crate::error::PrepareError;
 use render_core::camera::{Camera, Pose};

@@ -1,4 +1,4 @@
-//! Priors of films whose cameras nobody knows: made-up ones, and a real one beside the flow of a network and masks drawn by people.
+//! Priors of films whose cameras are not known: made-up ones, and a real one beside the flow of a network and masks drawn by people.
 
 use super::tests::{Impatient, files_in, names_in};
 use super::*;

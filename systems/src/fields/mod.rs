@@ -20,6 +20,7 @@ mod networks;
 mod placing;
 mod plane_grid;
 mod time_hash;
+mod view_times;
 mod voxel_variation;
 mod voxels;
 
@@ -35,8 +36,9 @@ pub(crate) use moving_points::{MovingBars, MovingPoints};
 pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
 pub(crate) use placing::{Placing, When};
-pub(crate) use plane_grid::{PlaneGridSettings, PlaneGridSource, times_of as plane_times};
+pub(crate) use plane_grid::{PlaneGridSettings, PlaneGridSource};
 pub(crate) use time_hash::{TimeHashSettings, TimeHashSource};
+pub(crate) use view_times::view_times;
 pub use voxels::VoxelSettings;
 
 use crate::schedule::Done;

@@ -9,11 +9,11 @@
 //! 1; what smooths the planes: equations 3 to 5. Planes of space begin uniform, planes of time at 1: the scene stands still until the
 //! photos say otherwise.
 
+use super::view_times::steps_of_time;
 use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::{shapes_hold, sized};
 use crate::schedule::Done;
 use crate::settings::Settings;
-use engine::data::Dataset;
 use engine::memory::room_for;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::encoding::EncodingBars;
@@ -83,23 +83,6 @@ impl PlaneGridSettings {
 pub(crate) struct PlaneGridSource {
     settings: PlaneGridSettings,
     times: Arc<[f32]>,
-}
-
-/// The times of photos in `[-1, 1]`, of all views in their order; none where all show the same time.
-pub(crate) fn times_of(data: &Dataset) -> Arc<[f32]> {
-    let mut times: Vec<f32> = data.views().iter().map(|view| (2.0 * view.time - 1.0) as f32).collect();
-    if times.windows(2).all(|pair| pair[0] == pair[1]) {
-        times.clear();
-    }
-    times.into()
-}
-
-/// Vertices along the time where nothing else is asked for: half as many as there are times, at least two.
-pub(super) fn steps_of_time(times: &[f32]) -> u32 {
-    let mut times = times.to_vec();
-    times.sort_unstable_by(f32::total_cmp);
-    times.dedup();
-    (times.len() as u32).div_ceil(2).max(2)
 }
 
 impl PlaneGridSource {

@@ -1,7 +1,7 @@
 //! A multiresolution hash grid of space and time (Wang et al., "Masked Space-Time Hash Encoding for Efficient Dynamic Scene
 //! Reconstruction", 2023, section 3.1), for what moves.
 
-use super::plane_grid::steps_of_time;
+use super::view_times::steps_of_time;
 use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::{shapes_hold, sized};
 use crate::schedule::Done;
@@ -10,7 +10,7 @@ use engine::memory::room_for;
 use engine::system::{
     MOST_LAYERS, SystemError, Tensor, TensorMap, at_most, f32_tensor, push_adam, take_adam, take_numbers,
 };
-use field_core::encoding::time_hash::{TimeHash, TimeHashConfig};
+use field_core::encoding::time_hash::{MAX_LEVELS, TimeHash, TimeHashConfig};
 use field_core::init::Init;
 use field_core::rng::Rng;
 use float_core::Simd;
@@ -235,14 +235,14 @@ impl Features for TimeHashFeatures {
         }
         let (simd, grid, times, features) = (self.simd, &self.grid, &self.times, self.grid.config().features);
         let mut params = &mut self.params[..];
-        let mut jobs = Vec::with_capacity(self.levels.len());
-        for state in &mut self.levels {
+        let mut jobs: [Option<(&mut LevelState, &mut [f32])>; MAX_LEVELS] = [const { None }; MAX_LEVELS];
+        for (job, state) in jobs.iter_mut().zip(&mut self.levels) {
             let (own, rest) = params.split_at_mut(state.grad.len());
             params = rest;
-            jobs.push((state, own));
+            *job = Some((state, own));
         }
-        let update = |(level, (state, params)): (usize, (&mut LevelState, &mut [f32]))| {
-            let LevelState { adam, grad, touched } = state;
+        let update = |(level, job): (usize, &mut Option<(&mut LevelState, &mut [f32])>)| {
+            let Some((LevelState { adam, grad, touched }, params)) = job else { return 0 };
             for (part, times) in parts.iter().zip(times) {
                 let n = part.places.len();
                 let bars = &part.raw_bar[level * features * n..][..features * n];
@@ -250,7 +250,8 @@ impl Features for TimeHashFeatures {
             }
             adam.step_touched(simd, lr, params, grad, touched)
         };
-        jobs.into_par_iter().enumerate().map(update).sum()
+        let levels = grid.levels().len();
+        jobs[..levels].par_iter_mut().enumerate().map(update).sum()
     }
 
     fn refine(&mut self, _: Done) {}

@@ -27,7 +27,7 @@ pub(super) enum Aim {
     Faster(&'static str, f64),
     /// Rays a second.
     Rays(f64),
-    /// So many dB at the last measurement within so many training seconds: never the best of a curve.
+    /// Held-out PSNR of `psnr` dB at least at the last measurement within `seconds` of training. A better one before that does not count.
     Within { seconds: f64, psnr: f64 },
     /// Its PSNR below that of the row it takes a part out of, dB at least.
     Costs(f64),
@@ -60,7 +60,7 @@ impl Entry {
         Self { name, set, without: Some(self.name), aims: &[], ..self }
     }
 
-    /// The same where nobody has motion masks.
+    /// The same without motion masks.
     pub(super) const fn blind(self) -> Self {
         Self { masks: false, ..self }
     }

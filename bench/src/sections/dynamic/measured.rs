@@ -92,7 +92,7 @@ pub(super) fn measure(
         }
         Ok(scene)
     };
-    // A row without a part has fewer steps than a schedule that nobody told of them, and no time to keep up with.
+    // Rows of films are planned for where they stop and how fast this machine is, as by `train`: schedules are shares of that.
     let planned = group.film.map(|_| planned(request, stop));
     let request = planned.as_ref().unwrap_or(request);
     let name = format!("{}, {}", group.name, entry.name);

@@ -68,7 +68,7 @@ pub(crate) fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N]
 
 /// Ask for the cache line of `p`. Any address will do.
 #[inline(always)]
-pub(crate) fn prefetch(p: *const f32) {
+fn prefetch(p: *const f32) {
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     // SAFETY: a hint of baseline x86-64; it does not access memory and does not fault.
     unsafe {
@@ -77,6 +77,132 @@ pub(crate) fn prefetch(p: *const f32) {
     }
     #[cfg(not(all(target_arch = "x86_64", not(miri))))]
     let _ = p;
+}
+
+/// A number for each of the `C` vertices that each sample of a block reads.
+pub(crate) type Vertices<T, const C: usize> = [[T; BLOCK]; C];
+
+/// Call `body` with the start, the entries and the weights of each block of `n` samples, as `vertices` gives them, while the entries of the next
+/// block are on their way into the cache: large tables come from far away. `table` is only a hint; entries lie `first` numbers behind.
+#[inline(always)]
+pub(crate) fn for_each_block<const C: usize>(
+    n: usize,
+    table: *const f32,
+    first: usize,
+    vertices: impl Fn(usize) -> (Vertices<u32, C>, Vertices<f32, C>),
+    mut body: impl FnMut(usize, &Vertices<u32, C>, &Vertices<f32, C>),
+) {
+    if n == 0 {
+        return;
+    }
+    let mut next = vertices(0);
+    for at in (0..n).step_by(BLOCK) {
+        let (starts, weights) = next;
+        if at + BLOCK < n {
+            next = vertices(at + BLOCK);
+            for &start in next.0.as_flattened() {
+                prefetch(table.wrapping_add(start as usize + first));
+            }
+        }
+        body(at, &starts, &weights);
+    }
+}
+
+/// The weighted sum over the vertices of each sample of a block: `[F][BLOCK]`.
+///
+/// # Safety
+/// `table` has to hold `F` numbers `first` behind each of `starts`.
+#[inline(always)]
+pub(crate) unsafe fn gather_block<const F: usize, const C: usize>(
+    table: &[f32],
+    first: usize,
+    starts: &Vertices<u32, C>,
+    weights: &Vertices<f32, C>,
+) -> [Lanes; F]
+where
+    Packed: Features<F>,
+{
+    let mut out = [[0.0; BLOCK]; F];
+    for i in 0..BLOCK {
+        let mut acc = Packed::zero();
+        for c in 0..C {
+            let start = starts[c][i] as usize + first;
+            debug_assert!(start + F <= table.len());
+            // SAFETY: the caller vouches for `F` numbers at `start`.
+            let e = unsafe { Packed::load(table.as_ptr().add(start)) };
+            acc = Packed::add_scaled(acc, weights[c][i], e);
+        }
+        let acc = Packed::unpack(acc);
+        for f in 0..F {
+            out[f][i] = acc[f];
+        }
+    }
+    out
+}
+
+/// Add the gradients `out_bar` of the first `samples` of a block to the vertices that [`gather_block`] read, samples in order, vertices in order.
+///
+/// # Safety
+/// `grad` has to hold `F` numbers `first` behind each of `starts`.
+#[inline(always)]
+pub(crate) unsafe fn scatter_block<const F: usize, const C: usize>(
+    grad: &mut [f32],
+    first: usize,
+    starts: &Vertices<u32, C>,
+    weights: &Vertices<f32, C>,
+    out_bar: &[Lanes; F],
+    samples: usize,
+) where
+    Packed: Features<F>,
+{
+    for i in 0..samples.min(BLOCK) {
+        let out_bar = Packed::pack(core::array::from_fn(|f| out_bar[f][i]));
+        for c in 0..C {
+            let start = starts[c][i] as usize + first;
+            debug_assert!(start + F <= grad.len());
+            // SAFETY: the caller vouches for `F` numbers at `start`.
+            unsafe {
+                let e = grad.as_mut_ptr().add(start);
+                Packed::store(Packed::add_scaled(Packed::load(e), weights[c][i], out_bar), e);
+            }
+        }
+    }
+}
+
+/// Mark the blocks of parameters that [`scatter_block`] wrote to. Entries that `straddle` may lie in two.
+#[inline(always)]
+pub(crate) fn touch_block<const F: usize, const C: usize>(
+    touched: &mut [u64],
+    first: usize,
+    starts: &Vertices<u32, C>,
+    samples: usize,
+    straddle: bool,
+) {
+    for i in 0..samples.min(BLOCK) {
+        for starts in starts {
+            let first = starts[i] as usize + first;
+            let block = first / BLOCK_FLOATS;
+            touched[block / 64] |= 1 << (block % 64);
+            if straddle {
+                let block = (first + F - 1) / BLOCK_FLOATS;
+                touched[block / 64] |= 1 << (block % 64);
+            }
+        }
+    }
+}
+
+/// Write a block to the rows of a batch from `at` on; what is past their end is left out.
+#[inline(always)]
+pub(crate) fn write_block<const F: usize>(rows: &mut [&mut [f32]; F], at: usize, out: &[Lanes; F]) {
+    for (row, out) in rows.iter_mut().zip(out) {
+        let row = &mut row[at..];
+        if let Some(full) = row.first_chunk_mut::<BLOCK>() {
+            *full = *out;
+        } else {
+            let len = row.len();
+            row.copy_from_slice(&out[..len]);
+        }
+    }
 }
 
 impl Place<'_> {
@@ -91,30 +217,10 @@ impl Place<'_> {
         (cells.starts(&self.lattice, self.stride as u32), weights)
     }
 
-    /// Call `body` with the start, the entries and the weights of each block, while the entries of the next block are on
-    /// their way into the cache: large tables come from far away. `table` is only a hint.
+    /// As [`for_each_block`].
     #[inline(always)]
-    fn for_each_block(&self, table: *const f32, mut body: impl FnMut(usize, &Corners<u32>, &Corners<f32>)) {
-        let n = self.x[0].len();
-        if n == 0 {
-            return;
-        }
-        let mut next = self.corners(0);
-        for at in (0..n).step_by(BLOCK) {
-            let (starts, weights) = next;
-            if at + BLOCK < n {
-                next = self.corners(at + BLOCK);
-                self.prefetch(table, &next.0);
-            }
-            body(at, &starts, &weights);
-        }
-    }
-
-    #[inline(always)]
-    fn prefetch(&self, table: *const f32, starts: &Corners<u32>) {
-        for &start in starts.as_flattened() {
-            prefetch(table.wrapping_add(start as usize + self.first));
-        }
+    fn for_each_block(&self, table: *const f32, body: impl FnMut(usize, &Corners<u32>, &Corners<f32>)) {
+        for_each_block(self.x[0].len(), table, self.first, |at| self.corners(at), body);
     }
 
     #[inline(always)]
@@ -140,31 +246,10 @@ where
         self.place.check::<F>(self.table);
         let Self { place, table, out: mut rows } = self;
         place.for_each_block(table.as_ptr(), |at, starts, weights| {
-            let mut out = [[0.0; BLOCK]; F];
-            for i in 0..BLOCK {
-                let mut acc = Packed::zero();
-                for c in 0..8 {
-                    let start = starts[c][i] as usize + place.first;
-                    debug_assert!(start + F <= table.len());
-                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds `features` more,
-                    // and that first + F <= features.
-                    let e = unsafe { Packed::load(table.as_ptr().add(start)) };
-                    acc = Packed::add_scaled(acc, weights[c][i], e);
-                }
-                let acc = Packed::unpack(acc);
-                for f in 0..F {
-                    out[f][i] = acc[f];
-                }
-            }
-            for (row, out) in rows.iter_mut().zip(&out) {
-                let row = &mut row[at..];
-                if let Some(full) = row.first_chunk_mut::<BLOCK>() {
-                    *full = *out;
-                } else {
-                    let len = row.len();
-                    row.copy_from_slice(&out[..len]);
-                }
-            }
+            // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds `features` more, and that
+            // first + F <= features.
+            let out = unsafe { gather_block::<F, 8>(table, place.first, starts, weights) };
+            write_block(&mut rows, at, &out);
         });
     }
 }
@@ -183,31 +268,11 @@ where
         let straddles = !BLOCK_FLOATS.is_multiple_of(F) || !(place.stride | place.first).is_multiple_of(F);
         place.for_each_block(grad.as_ptr(), |at, starts, weights| {
             let out_bar = block(&rows, at);
-            for i in 0..BLOCK.min(n - at) {
-                let out_bar = Packed::pack(core::array::from_fn(|f| out_bar[f][i]));
-                for c in 0..8 {
-                    let start = starts[c][i] as usize + place.first;
-                    debug_assert!(start + F <= grad.len());
-                    // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds `features` more,
-                    // and that first + F <= features.
-                    unsafe {
-                        let e = grad.as_mut_ptr().add(start);
-                        Packed::store(Packed::add_scaled(Packed::load(e), weights[c][i], out_bar), e);
-                    }
-                }
-            }
+            // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the gradient holds `features` more, and that
+            // first + F <= features.
+            unsafe { scatter_block::<F, 8>(grad, place.first, starts, weights, &out_bar, n - at) };
             if let Some(touched) = &mut touched {
-                for i in 0..BLOCK.min(n - at) {
-                    for starts in starts {
-                        let first = starts[i] as usize + place.first;
-                        let block = first / BLOCK_FLOATS;
-                        touched[block / 64] |= 1 << (block % 64);
-                        if straddles {
-                            let block = (first + F - 1) / BLOCK_FLOATS;
-                            touched[block / 64] |= 1 << (block % 64);
-                        }
-                    }
-                }
+                touch_block::<F, 8>(touched, place.first, starts, n - at, straddles);
             }
         });
     }
@@ -235,7 +300,9 @@ where
             let (cells, starts) = next;
             if at + BLOCK < n {
                 next = locate(at + BLOCK);
-                place.prefetch(table.as_ptr(), &next.1);
+                for &start in next.1.as_flattened() {
+                    prefetch(table.as_ptr().wrapping_add(start as usize + place.first));
+                }
             }
             let out_bar = block(&rows, at);
             let by_x = match &place.x_dot {

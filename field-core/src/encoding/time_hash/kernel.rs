@@ -2,11 +2,13 @@
 
 use float_core::{Task, Vector};
 
-use super::{BLOCK_FLOATS, TIME_PRIME, TimeLevel};
+use super::{TIME_PRIME, TimeLevel};
 use crate::encoding::lattice::PRIMES;
 use crate::encoding::lattice::cell::BLOCK as LANES;
 use crate::encoding::lattice::features::{Features, Packed};
-use crate::encoding::lattice::kernel::{block, prefetch};
+use crate::encoding::lattice::kernel::{
+    Vertices, block, for_each_block, gather_block, scatter_block, touch_block, write_block,
+};
 
 /// Vertices of a simplex.
 const CORNERS: usize = 5;
@@ -14,7 +16,7 @@ const CORNERS: usize = 5;
 const SORT: [[usize; 2]; 5] = [[0, 1], [2, 3], [0, 2], [1, 3], [1, 2]];
 
 /// A number for each vertex of a block of simplices.
-type Corners<T> = [[T; LANES]; CORNERS];
+type Corners<T> = Vertices<T, CORNERS>;
 
 /// What every kernel works on: a level, positions `[3][n]` and times `[n]`.
 #[derive(Clone, Copy)]
@@ -124,41 +126,30 @@ impl Place<'_> {
         }
         (entry, weight)
     }
-}
 
-impl Place<'_> {
-    /// What the `unsafe` below relies on: every entry that [`Place::simplices`] gives lies in a table of so many numbers.
+    /// Refuses a table too short for an entry that [`Place::simplices`] may give: the `unsafe` below relies on it.
     fn check<const F: usize>(&self, table: &[f32]) {
         let TimeLevel { cells: [side, times], entries, dense, .. } = self.level;
         // Those of levels that are hashed would not fit `u64`.
         let vertices = (u128::from(side) + 1).pow(3) * (u128::from(times) + 1);
         let fits = if dense { vertices <= u128::from(entries) } else { entries.is_power_of_two() };
         assert!(fits, "a level of another shape");
-        assert!(table.len() as u64 >= u64::from(entries) * F as u64, "a level's table has the wrong length");
+        let numbers = u64::from(entries) * F as u64;
+        assert!(
+            numbers <= u64::from(u32::MAX) && table.len() as u64 >= numbers,
+            "a level's table has the wrong length"
+        );
     }
 
-    /// Call `body` with the start, the entries and the weights of each block, while the entries of the next one are on their way into the
-    /// cache. `table` is only a hint.
+    /// As [`for_each_block`], with where entries of `F` numbers begin.
     #[inline(always)]
-    fn for_each_block<const F: usize>(
-        &self,
-        table: *const f32,
-        mut body: impl FnMut(usize, &Corners<u32>, &Corners<f32>),
-    ) {
-        let corners = |from| self.simplices(&self.locate(from));
-        let n = self.len();
-        if n == 0 {
-            return;
-        }
-        let mut next = corners(0);
-        for from in (0..n).step_by(LANES) {
-            let (entries, weights) = next;
-            if from + LANES < n {
-                next = corners(from + LANES);
-                next.0.as_flattened().iter().for_each(|entry| prefetch(table.wrapping_add(*entry as usize * F)));
-            }
-            body(from, &entries, &weights);
-        }
+    fn for_each_block<const F: usize>(&self, table: *const f32, body: impl FnMut(usize, &Corners<u32>, &Corners<f32>)) {
+        let vertices = |from| {
+            let (mut entries, weights) = self.simplices(&self.locate(from));
+            entries.as_flattened_mut().iter_mut().for_each(|entry| *entry *= F as u32);
+            (entries, weights)
+        };
+        for_each_block(self.len(), table, 0, vertices, body);
     }
 }
 
@@ -172,31 +163,10 @@ where
     fn run<V: Vector>(self) {
         self.place.check::<F>(self.table);
         let Self { place, table, out: mut rows } = self;
-        place.for_each_block::<F>(table.as_ptr(), |from, entries, weights| {
-            let mut out = [[0.0; LANES]; F];
-            for lane in 0..LANES {
-                let mut sum = Packed::zero();
-                for corner in 0..CORNERS {
-                    let start = entries[corner][lane] as usize * F;
-                    debug_assert!(start + F <= table.len());
-                    // SAFETY: `check` saw that the table holds the `F` numbers of every entry that there is.
-                    let value = unsafe { Packed::load(table.as_ptr().add(start)) };
-                    sum = Packed::add_scaled(sum, weights[corner][lane], value);
-                }
-                let sum = Packed::unpack(sum);
-                for f in 0..F {
-                    out[f][lane] = sum[f];
-                }
-            }
-            for (row, out) in rows.iter_mut().zip(&out) {
-                let row = &mut row[from..];
-                if let Some(full) = row.first_chunk_mut::<LANES>() {
-                    *full = *out;
-                } else {
-                    let len = row.len();
-                    row.copy_from_slice(&out[..len]);
-                }
-            }
+        place.for_each_block::<F>(table.as_ptr(), |from, starts, weights| {
+            // SAFETY: `check` saw that the table holds the `F` numbers of every entry that there is.
+            let out = unsafe { gather_block::<F, CORNERS>(table, 0, starts, weights) };
+            write_block(&mut rows, from, &out);
         });
     }
 }
@@ -212,22 +182,12 @@ where
         self.place.check::<F>(self.grad);
         let Self { place, out_bar: rows, grad, touched } = self;
         let n = place.len();
-        place.for_each_block::<F>(grad.as_ptr(), |from, entries, weights| {
-            let bars = block(&rows, from);
-            for lane in 0..LANES.min(n - from) {
-                let bar = Packed::pack(core::array::from_fn(|f| bars[f][lane]));
-                for corner in 0..CORNERS {
-                    let start = entries[corner][lane] as usize * F;
-                    debug_assert!(start + F <= grad.len());
-                    // SAFETY: `check` saw that the gradient holds the `F` numbers of every entry that there is.
-                    unsafe {
-                        let sum = grad.as_mut_ptr().add(start);
-                        Packed::store(Packed::add_scaled(Packed::load(sum), weights[corner][lane], bar), sum);
-                    }
-                    let block = start / BLOCK_FLOATS;
-                    touched[block / 64] |= 1 << (block % 64);
-                }
-            }
+        place.for_each_block::<F>(grad.as_ptr(), |from, starts, weights| {
+            let out_bar = block(&rows, from);
+            // SAFETY: `check` saw that the gradient holds the `F` numbers of every entry that there is.
+            unsafe { scatter_block::<F, CORNERS>(grad, 0, starts, weights, &out_bar, n - from) };
+            // 1, 2, 4 or 8 numbers from a multiple of themselves: in one block of 16.
+            touch_block::<F, CORNERS>(touched, 0, starts, n - from, false);
         });
     }
 }

@@ -12,7 +12,7 @@
 //! Planes of space begin uniform, planes of time at 1: the scene stands still until the photos say otherwise.
 
 use crate::claims::Claim;
-use crate::fields::{DecoderChoice, DecoderKind, ExplicitConfig, PlaneGridSettings, PlaneGridSource, plane_times};
+use crate::fields::{DecoderChoice, DecoderKind, ExplicitConfig, PlaneGridSettings, PlaneGridSource, view_times};
 use crate::plan::{Ask, Built, Moving, MovingParts, Shown, chosen_sampler, field_settings, moving_field, planned};
 use crate::rays::RayConfig;
 use engine::data::Dataset;
@@ -63,7 +63,7 @@ fn planes(config: &mut RayConfig, planes: PlaneGridSource) {
 
 /// The field of a scene that moves.
 pub(crate) fn field(config: &mut RayConfig, data: &Dataset) {
-    let times = plane_times(data);
+    let times = view_times(data);
     let settings = if times.is_empty() { of_rest() } else { of_motion() };
     planes(config, PlaneGridSource::new(settings, times));
 }

@@ -10,7 +10,7 @@
 //! not planes: `docs/decisions/0057`.
 
 use crate::claims::Claim;
-use crate::fields::{TimeHashSettings, TimeHashSource, plane_times};
+use crate::fields::{TimeHashSettings, TimeHashSource, view_times};
 use crate::plan::{Ask, Background, Built, Moving, chosen_sampler, moving_field};
 use crate::rays::RayConfig;
 use engine::data::Dataset;
@@ -40,7 +40,7 @@ const MOVING: TimeHashSettings = TimeHashSettings {
 
 /// A hash grid of space and time for what moves; all else is as in `ngp`.
 fn field(config: &mut RayConfig, data: &Dataset) {
-    config.features = Arc::new(TimeHashSource::new(MOVING, plane_times(data)));
+    config.features = Arc::new(TimeHashSource::new(MOVING, view_times(data)));
 }
 
 /// A still part, and that before it.
