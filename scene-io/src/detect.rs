@@ -249,7 +249,7 @@ fn nothing(path: &Path, options: &LoadOptions) -> SceneError {
     SceneError::new(ErrorKind::Layout, Problem::new(path, what, remedy))
 }
 
-/// The folder of a COLMAP model without its cameras or its images.
+/// A folder with cameras or images of a COLMAP model; where no model was found, the other file is missing.
 fn incomplete_model(path: &Path) -> Option<PathBuf> {
     ["sparse/0", "sparse", "."].iter().map(|s| path.join(s)).find(|folder| {
         let has = |name: &str| folder.join(name).is_file();

@@ -1,7 +1,7 @@
 //! Priors of motion in a folder that the caller names, in the place of those beside the photos.
 
 use crate::priors::MotionFiles;
-use crate::{ErrorKind, Frame, ImageSource, Problem, Scene, SceneError, Split, is_photo};
+use crate::{ErrorKind, Frame, Problem, Scene, SceneError, Split, is_photo};
 use std::path::{Path, PathBuf};
 
 /// The word on the command line for [`crate::LoadOptions::priors`].
@@ -25,17 +25,8 @@ impl Scene {
 /// Name the files in `folder` in each frame of the dataset in the folder `root`.
 pub(crate) fn put(root: &Path, frames: &mut [Frame], folder: &Path) {
     for frame in frames {
-        frame.priors.motion = MotionFiles::within(folder, &lies(root, frame));
+        frame.priors.motion = MotionFiles::within(folder, &without_ending(frame.path_within(root)));
     }
-}
-
-/// Where a photo lies in the folder of its dataset; its name where it lies elsewhere or in memory. Without the ending of its file.
-fn lies(root: &Path, frame: &Frame) -> PathBuf {
-    let inside = match &frame.image {
-        ImageSource::File(path) => path.strip_prefix(root).ok(),
-        ImageSource::Memory(_) => None,
-    };
-    without_ending(inside.unwrap_or(Path::new(&frame.name)))
 }
 
 fn without_ending(photo: &Path) -> PathBuf {

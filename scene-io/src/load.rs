@@ -83,7 +83,7 @@ pub(crate) fn load_all(path: &Path, options: &LoadOptions, need: Need) -> Result
     let split = splits::apply(&root, &mut frames, splits, options.holdout.as_ref(), &mut notes).and_then(|()| {
         options.validation.as_ref().map_or(Ok(()), |v| validation::apply(&root, &mut frames, v, &mut notes))
     });
-    // As an empty split: what is missing may be missing with frames that are broken.
+    // Told as an empty split is: the photos that have priors may be among the broken frames, which are named first.
     let split = split
         .and_then(|()| options.priors.as_ref().map_or(Ok(()), |folder| given_priors::refuse_nothing(&frames, folder)));
     time::tell(&frames, &mut notes);

@@ -8,7 +8,7 @@ use crate::size::Size;
 use glam::DVec3;
 use render_core::camera::Camera;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A set of posed images with what else the dataset knows.
@@ -224,6 +224,16 @@ impl Frame {
             z_bounds: None,
             sharpness: None,
         }
+    }
+
+    /// Where the photo lies in the folder `root` of its dataset; its name where it lies elsewhere or in memory.
+    #[must_use]
+    pub fn path_within(&self, root: &Path) -> &Path {
+        let inside = match &self.image {
+            ImageSource::File(path) => path.strip_prefix(root).ok(),
+            ImageSource::Memory(_) => None,
+        };
+        inside.unwrap_or(Path::new(&self.name))
     }
 
     /// The photo's native size.

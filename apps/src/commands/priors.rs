@@ -25,7 +25,7 @@ pub(crate) fn run(session: &Session, args: &Priors) -> Result<Done, Failure> {
 /// The photos of a folder that holds nothing but photos.
 fn film(args: &Priors) -> Result<Option<Film>, Failure> {
     let folder = PathBuf::from(scene_spec(&args.scene));
-    if is_made_up(&args.scene) || !scene_io::holds_no_dataset(&folder) {
+    if !scene_io::holds_no_dataset(&folder) {
         return Ok(None);
     }
     let Some(film) = Film::find(&folder)? else { return Ok(None) };
@@ -78,15 +78,10 @@ fn known(word: &str) -> Result<Drawn, RunError> {
 
 /// The folder in that of the photos; those that no file holds, or that are changed when they are read, have none.
 fn beside(word: &str, root: &Path) -> Result<PathBuf, RunError> {
-    if is_made_up(word) {
+    if word.starts_with(SYNTHETIC) || word.starts_with(PERTURBED) {
         return Err(RunError::Option(format!("`{word}` has no folder of its own: name one with `--out`")));
     }
     Ok(root.join(MotionFiles::MADE))
-}
-
-/// Whether no file holds the photos as they are.
-fn is_made_up(word: &str) -> bool {
-    word.starts_with(SYNTHETIC) || word.starts_with(PERTURBED)
 }
 
 /// What came out.

@@ -48,4 +48,4 @@ fn surface(image: &Image) -> BitMask {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

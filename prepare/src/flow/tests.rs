@@ -6,7 +6,7 @@ use scene_io::{Frame, ImageSource, Size, decode_photo};
 use std::sync::Arc;
 
 /// Grey of a surface that is textured at wavelengths from 5 to 37 pixels, in 8 bits.
-fn texture(x: f32, y: f32) -> f32 {
+pub(crate) fn texture(x: f32, y: f32) -> f32 {
     let waves = (0..10).map(|k| {
         let k = k as f32;
         let (sin, cos) = (2.4 * k).sin_cos();

@@ -4,7 +4,7 @@ use super::relation::{Match, Normal, Relation, Squares, unit};
 use glam::{DMat3, DVec3};
 use render_core::symmetric::eigen;
 
-/// Squared length of the derivative below which a point is the epipole itself: every line goes through it.
+/// Squared length of the derivative of `q^T F p` below which both places are epipoles: every line goes through them.
 const EPIPOLE: f64 = 1e-18;
 
 /// Distance of two homogeneous places (third coordinate 1) from such that obey `q^T F p = 0`, to first order, in their unit: 0 for a point
@@ -13,9 +13,14 @@ const EPIPOLE: f64 = 1e-18;
 /// # Source
 /// Hartley and Zisserman, "Multiple View Geometry", 2004, equation 11.9.
 pub(super) fn sampson(fundamental: DMat3, p: DVec3, q: DVec3) -> f64 {
+    derivative(fundamental, p, q).map_or(0.0, |derivative| q.dot(fundamental * p).abs() / derivative)
+}
+
+/// Length of the derivative of `q^T F p` along both places; `None` at the epipoles.
+fn derivative(fundamental: DMat3, p: DVec3, q: DVec3) -> Option<f64> {
     let (line, line_back) = (fundamental * p, fundamental.transpose() * q);
     let squared = line.truncate().length_squared() + line_back.truncate().length_squared();
-    if squared > EPIPOLE { q.dot(line).abs() / squared.sqrt() } else { 0.0 }
+    (squared > EPIPOLE).then(|| squared.sqrt())
 }
 
 /// A fundamental matrix of length 1 for places in pixels.
@@ -44,9 +49,7 @@ impl Relation for Fundamental {
     }
 
     fn weight(&self, of: &Match) -> f64 {
-        let (line, line_back) = (self.0 * of.from.extend(1.0), self.0.transpose() * of.to.extend(1.0));
-        let squared = line.truncate().length_squared() + line_back.truncate().length_squared();
-        if squared > EPIPOLE { 1.0 / squared.sqrt() } else { 0.0 }
+        derivative(self.0, of.from.extend(1.0), of.to.extend(1.0)).map_or(0.0, |derivative| 1.0 / derivative)
     }
 
     fn squared(&self, of: &Match) -> Option<f64> {

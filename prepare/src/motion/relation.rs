@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use render_core::symmetric::eigen;
 use std::f64::consts::SQRT_2;
 
-/// Second smallest singular value of a linear system, as a share of the largest, below which its solution is not the only one; squared.
+/// A linear system has one solution where its second smallest singular value, squared, is above this share of the largest one, squared.
 const ONLY: f64 = 1e-12;
 
 /// A place of one picture and the place of another that shows the same, pixels.
@@ -20,7 +20,7 @@ pub(super) trait Relation: Copy + Send + Sync {
     const SAMPLE: usize;
     /// Parameters of one.
     const PARAMETERS: f64;
-    /// Dimensions of the matches that obey one, of the four that all matches have.
+    /// Dimensions of the set of matches that obey one; all matches together have four.
     const DIMENSIONS: f64;
 
     /// The one of the smallest sum of squares of `weight` times algebraic error; `None` where the matches do not determine one.

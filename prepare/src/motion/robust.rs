@@ -1,8 +1,9 @@
 //! A relation of two pictures from matches of which some are wrong or move by themselves.
 //!
-//! Relations through few matches, drawn at random, are compared by all matches; the best are fitted again to the matches that obey them. What is
-//! made smallest is GRIC, which also compares relations of two kinds: the squared distances of the matches in units of their noise, at most so much
-//! for each (more is none of the noise), and what the kind of relation costs: one that leaves matches more freedom has to explain them better.
+//! Relations through a few matches, drawn at random, are compared over all matches; the best of them are fitted again to the matches that obey
+//! them. The score is GRIC, and less is better. It is the mean squared distance in units of the flow's noise, where a match counts for no more than
+//! a limit (a greater distance is not noise), plus a cost of the kind of relation. So relations of two kinds can be compared, too: the one that
+//! allows more has to fit better.
 //!
 //! # Source
 //! Torr, "Geometric motion segmentation and model selection", 1998; Torr, Fitzgibbon and Zisserman, "The problem of degeneracy in structure and
@@ -13,15 +14,15 @@ use super::relation::{Match, Relation};
 use rayon::prelude::*;
 use render_core::float_core::rng::Rng;
 
-/// Standard deviation of flow vectors, pixels: two of them are no motion.
+/// Standard deviation of flow vectors, pixels. At two of them, [`LEAST_DISTANCE`], nothing counts as moving yet.
 const NOISE: f64 = LEAST_DISTANCE / 2.0;
 /// Dimensions of matches.
 const SPACE: f64 = 4.0;
-/// Relations through few matches. With 60 % of the matches right there are 8 of eight right ones among them.
+/// Relations that are drawn. Where 60 % of the matches are right, about 8 of 500 draws of eight are of right matches alone.
 const DRAWS: u32 = 500;
-/// Of these so many are fitted again.
+/// How many of the best draws are fitted again.
 const REFINED: usize = 5;
-/// Matches that a relation is fitted to again, one time after the other: those within so many times the squared distance that counts.
+/// Rounds of fitting again: each takes the matches whose squared distance is below this many times the limit.
 const REACHES: [f64; 8] = [16.0, 4.0, 4.0, 1.0, 1.0, 1.0, 1.0, 1.0];
 /// Matches that are needed.
 const LEAST_MATCHES: usize = 50;

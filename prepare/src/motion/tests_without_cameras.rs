@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::flow::flow_both_ways;
+use crate::flow::tests::texture;
 use glam::{DVec2, DVec3};
 use render_core::camera::Pose;
 use render_core::float_core::rng::Rng;
@@ -145,14 +146,7 @@ fn known_cameras_and_none_find_the_same_square() {
 #[test]
 fn photos_of_a_camera_that_stands_still_give_what_moves() {
     // A square of 32 pixels goes 8 pixels to the right before a wall, and the wall by itself.
-    let grey = |x: f32, y: f32| {
-        let waves = (0..10).map(|k| {
-            let k = k as f32;
-            let (sin, cos) = (2.4 * k).sin_cos();
-            10.0 * (std::f32::consts::TAU / (5.0 * 1.25_f32.powf(k)) * (cos * x + sin * y) + 1.7 * k).sin()
-        });
-        (127.5 + waves.sum::<f32>()).clamp(0.0, 255.0).round() as u8
-    };
+    let grey = |x: f32, y: f32| texture(x, y) as u8;
     let is_square =
         |column: u32, row: u32, shift: u32| (32 + shift..64 + shift).contains(&column) && (32..64).contains(&row);
     let photo = |shift: u32| {

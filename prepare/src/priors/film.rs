@@ -1,4 +1,4 @@
-//! The photos of a film whose cameras are not known.
+//! The photos of a film whose cameras are not known. Their order is that of their names, so numbers in them need leading zeros.
 
 use crate::error::PrepareError;
 use render_core::camera::{Camera, Pose};

@@ -31,7 +31,7 @@ const PHOTO_BYTES: u64 = 256 << 20;
 /// What is made, and how: another version is made anew.
 const VERSION: &str = "flow and masks 1";
 const EXACT_VERSION: &str = "exact flow, masks and disparities 1";
-/// The same for masks without cameras.
+/// Hashed besides [`VERSION`] for photos without cameras: how their masks are made. Another version makes flow and masks anew.
 const WITHOUT_CAMERAS: &str = "without cameras 1";
 
 /// Which priors are to be made.
@@ -168,7 +168,7 @@ fn jobs<'a>(request: &PriorsRequest<'a>, photos: &ImageStore, places: &[Place]) 
     let sequence = request.sequence;
     let frames = sequence.frames();
     // Of all photos: names depend neither on the split nor on how many are asked for.
-    let lies: Vec<PathBuf> = frames.iter().map(|frame| lies(sequence.root(), frame)).collect();
+    let lies: Vec<PathBuf> = frames.iter().map(|frame| frame.path_within(sequence.root()).to_path_buf()).collect();
     let files = Files::of(&request.out, &lies)?;
     let version = Kind::of(request).version;
     let about = |i: usize| format!("{} {:?}", photo_stamp(&frames[i]), photos.camera(i));
@@ -179,15 +179,6 @@ fn jobs<'a>(request: &PriorsRequest<'a>, photos: &ImageStore, places: &[Place]) 
         Job { frame: &frames[place.frame], place: *place, files: files[place.frame].clone(), inputs }
     };
     Ok(places.iter().map(job).collect())
-}
-
-/// Where a photo lies in the folder of the scene; its name where it does not.
-fn lies(root: &Path, frame: &Frame) -> PathBuf {
-    let inside = match &frame.image {
-        ImageSource::File(path) => path.strip_prefix(root).ok(),
-        ImageSource::Memory(_) => None,
-    };
-    inside.unwrap_or(Path::new(&frame.name)).to_path_buf()
 }
 
 /// What tells a photo, as it is decoded, from its later versions.

@@ -13,7 +13,7 @@ const KEPT: usize = 2;
 /// Flow between photos, found when it is asked for.
 pub(super) struct Pairs<'a> {
     photos: &'a ImageStore,
-    /// Who knows it exactly; `None`: the photos are compared.
+    /// Knows flow exactly, where the scene is drawn; `None`: it is found by comparing photos.
     exact: Option<Exact<'a>>,
     kept: Vec<Pair>,
 }
@@ -43,7 +43,7 @@ impl<'a> Pairs<'a> {
         Self { photos, exact, kept: Vec::new() }
     }
 
-    /// Who knows everything exactly.
+    /// The drawn scene, where there is one.
     pub(super) fn exact(&self) -> Option<Exact<'a>> {
         self.exact
     }

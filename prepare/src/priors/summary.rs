@@ -38,23 +38,16 @@ pub struct FitSummary {
 }
 
 impl FitSummary {
-    fn of<'a>(fits: impl Iterator<Item = &'a Fit>) -> Self {
-        let mut out = Self::default();
-        for fit in fits {
-            let share = fit.score().map_or(0.0, |score| score.share);
-            let (count, sum) = match fit.by {
-                Some(FitKind::Fundamental) => (&mut out.fundamental, Some(&mut out.fundamental_share)),
-                Some(FitKind::Homography) => (&mut out.homography, Some(&mut out.homography_share)),
-                None => (&mut out.neither, None),
-            };
-            *count += 1;
-            if let Some(sum) = sum {
-                *sum += share;
-            }
-        }
-        out.fundamental_share /= out.fundamental.max(1) as f64;
-        out.homography_share /= out.homography.max(1) as f64;
-        out
+    fn of<'a>(fits: impl Iterator<Item = &'a Fit> + Clone) -> Self {
+        let by = |kind: FitKind| {
+            let scores = fits.clone().filter(|fit| fit.by == Some(kind)).filter_map(Fit::score);
+            let shares: Vec<f64> = scores.map(|score| score.share).collect();
+            (shares.len(), shares.iter().sum::<f64>() / shares.len().max(1) as f64)
+        };
+        let (fundamental, fundamental_share) = by(FitKind::Fundamental);
+        let (homography, homography_share) = by(FitKind::Homography);
+        let neither = fits.clone().filter(|fit| fit.by.is_none()).count();
+        Self { fundamental, fundamental_share, homography, homography_share, neither }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::tests::{Impatient, files_in, names_in};
 use super::*;
+use crate::flow::tests::texture as wall;
 use crate::watch::Silent;
 use image::{Rgb, RgbImage};
 use scene_io::BitMask;
@@ -16,16 +17,6 @@ const MEDIAN_ERROR: f32 = 0.5;
 /// F1 of the masks, all frames together. A mask that is all white has less than half of it, an empty one 0.
 const LEAST_F1: f64 = 0.3;
 
-/// Grey of a wall.
-fn wall(x: f32, y: f32) -> f32 {
-    let waves = (0..10).map(|k| {
-        let k = k as f32;
-        let (sin, cos) = (2.4 * k).sin_cos();
-        10.0 * (std::f32::consts::TAU / (5.0 * 1.25_f32.powf(k)) * (cos * x + sin * y) + 1.7 * k).sin()
-    });
-    (127.5 + waves.sum::<f32>()).clamp(0.0, 255.0)
-}
-
 /// The square in photo `i` of [`film`].
 fn is_square(i: u32, column: u32, row: u32, way: u32) -> bool {
     (20 + way * i..44 + way * i).contains(&column) && (20..44).contains(&row)
@@ -39,7 +30,7 @@ fn film(folder: &Path, photos: u32, way: u32) -> Film {
             let (x, y) = (column as f32, row as f32);
             let grey =
                 if is_square(i, column, row, way) { wall(x - (way * i) as f32 + 300.0, y - 200.0) } else { wall(x, y) };
-            Rgb([grey.round() as u8; 3])
+            Rgb([grey as u8; 3])
         };
         RgbImage::from_fn(96, 72, grey).save(folder.join(format!("rgb/f_{i}.png"))).unwrap();
     }

@@ -47,7 +47,7 @@ impl MotionFiles {
     /// The files in folders of the known names in `folder`, of a photo that has the path `photo`, without the ending of its file, in the
     /// dataset's own: in the photo's own folders there first, as in [`MotionFiles::MADE`].
     #[must_use]
-    pub fn within(folder: &Path, photo: &Path) -> Self {
+    pub(crate) fn within(folder: &Path, photo: &Path) -> Self {
         let Some(stem) = photo.file_name().and_then(|stem| stem.to_str()) else { return Self::default() };
         // Nothing in a name leads out of the folder.
         let own: PathBuf = photo.parent().into_iter().flat_map(Path::components).filter(is_normal).collect();

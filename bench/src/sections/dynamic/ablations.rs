@@ -9,7 +9,7 @@ const DYNAMIC_NERF: Entry = Entry::new("dynamic-nerf");
 pub(super) const ABLATIONS: &[Entry] = &[
     Entry::new("ngp"),
     Entry::new("d-nerf"),
-    // The moving part of both without scene flow, which nothing but photos tells where it is.
+    // A moving part without scene flow: motion masks say where it is, as in the two systems below; it reads neither flow nor disparities.
     Entry::new("t-nerf").named("t-nerf, before a still part").set("background = 'static'\nby_error = true"),
     NSFF,
     NSFF.without("nsff, no renders of the moving part alone, here or in frames beside", "flow_renders = 0.0"),

@@ -31,13 +31,18 @@ pub(super) enum PriorsFrom {
     Photos,
 }
 
+/// The stage in quick runs.
+pub(super) fn small_orbit() -> OrbitOptions {
+    OrbitOptions { width: 32, height: 32, train: 12, test: 2, rays: 1, ..OrbitOptions::default() }
+}
+
 impl Film {
     /// In quick runs it is small.
     fn options(self, extent: Extent) -> OrbitOptions {
-        let whole = OrbitOptions { val: 8, camera: self.camera, ..OrbitOptions::default() };
+        let camera = self.camera;
         match extent {
-            Extent::Full => whole,
-            Extent::Quick => OrbitOptions { width: 32, height: 32, train: 12, val: 2, test: 2, rays: 1, ..whole },
+            Extent::Full => OrbitOptions { val: 8, camera, ..OrbitOptions::default() },
+            Extent::Quick => OrbitOptions { val: 2, camera, ..small_orbit() },
         }
     }
 
@@ -74,8 +79,8 @@ impl Film {
         Ok(format!(
             "The stage is filmed for this page by {camera}. Where nothing else is asked for, **validation views** of its own are \
              measured, and no test view is looked at. Optical flow and motion masks of the {} training photos are {source}: the flow \
-             of {:.1} % of the pixels is known, and {:.1} % of those that were judged move. Schedules are of the time or the steps of their \
-             row.",
+             of {:.1} % of the pixels is known, and {:.1} % of those that were judged move. Each row's schedules end where its \
+             training does.",
             made.photos,
             100.0 * made.seen,
             100.0 * made.moving

@@ -1,7 +1,7 @@
 //! One system on one moving scene: trained, and measured.
 
 use super::entry::Entry;
-use super::film::PRIORS;
+use super::film::{PRIORS, small_orbit};
 use super::protocols::Group;
 use crate::bench::{Bench, Extent, say};
 use crate::error::BenchError;
@@ -14,7 +14,7 @@ use engine::source::SYNTHETIC;
 use engine::train::{Schedule, Stop};
 use losses::metrics::Lpips;
 use scene_io::Scene;
-use scene_io::synthetic::{MouthOptions, OrbitOptions, TissueOptions, mouth, orbit, tissue};
+use scene_io::synthetic::{MouthOptions, TissueOptions, mouth, orbit, tissue};
 use std::path::Path;
 
 /// Training seconds after which the held-out views are measured.
@@ -146,16 +146,7 @@ fn load(bench: &Bench, group: &Group, spec: &str, data: &DataOptions) -> Result<
     }
     if bench.extent == Extent::Quick {
         match spec.strip_prefix(SYNTHETIC) {
-            Some("orbit") => {
-                return Ok(orbit(&OrbitOptions {
-                    width: 32,
-                    height: 32,
-                    train: 12,
-                    test: 2,
-                    rays: 1,
-                    ..OrbitOptions::default()
-                }));
-            }
+            Some("orbit") => return Ok(orbit(&small_orbit())),
             Some("mouth") => {
                 return Ok(mouth(&MouthOptions {
                     width: 32,

@@ -115,7 +115,7 @@ fn section(bench: &Bench, keep: &Keep<'_>, title: &'static str, group: &Group) -
     Ok(section)
 }
 
-/// Whether a quick run has a row: of films those alone that others take parts out of.
+/// Whether a quick run has this row. Of films it has only rows that another row takes a part out of: the whole systems.
 fn is_quick(group: &Group, entry: &Entry) -> bool {
     group.film.is_none() || group.entries.iter().any(|other| other.without == Some(entry.name))
 }

@@ -18,7 +18,7 @@ pub(super) struct Group {
     pub(super) stop: Stop,
     /// What others are compared with comes before them.
     pub(super) entries: &'static [Entry],
-    /// Of what is filmed for the page: `path` is the stage then.
+    /// How the stage in `path` is filmed for this page; `None`: `path` is read as it is.
     pub(super) film: Option<Film>,
 }
 
