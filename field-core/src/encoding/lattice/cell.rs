@@ -73,11 +73,10 @@ impl Cells {
         cells
     }
 
-    /// Entries of the corners times `stride`, the features of an entry: where these start. Always at most
+    /// Entries of the corners times `stride`, the features of an entry: where these start, written over `starts`. Always at most
     /// `(entries - 1) * stride`.
     #[inline(always)]
-    pub(crate) fn starts(&self, lattice: &Lattice, stride: u32) -> Corners<u32> {
-        let mut starts = [[0; BLOCK]; 8];
+    pub(crate) fn starts(&self, lattice: &Lattice, stride: u32, starts: &mut Corners<u32>) {
         let [bx, by, bz] = &self.base;
         let last = lattice.entries - 1;
         match lattice.addressing {
@@ -104,13 +103,11 @@ impl Cells {
                 }
             }
         }
-        starts
     }
 
-    /// Weights of the corners.
+    /// Weights of the corners, written over `w`.
     #[inline(always)]
-    pub(crate) fn weights(&self, kind: Weights<'_>) -> Corners<f32> {
-        let mut w = [[0.0; BLOCK]; 8];
+    pub(crate) fn weights(&self, kind: Weights<'_>, w: &mut Corners<f32>) {
         for (c, w) in w.iter_mut().enumerate() {
             for i in 0..BLOCK {
                 let [x, y, z] = [0, 1, 2].map(|a| side(c >> a, self.upper[a][i]));
@@ -123,7 +120,6 @@ impl Cells {
                 };
             }
         }
-        w
     }
 
     /// Derivatives of the weights with respect to each coordinate: `[corner][axis]`.

@@ -2,7 +2,7 @@
 
 use float_core::{Task, Vector};
 
-use super::cell::{BLOCK, Cells, Corners, Lanes, Weights};
+use super::cell::{BLOCK, Cells, Lanes, Weights};
 use super::features::{Features, Packed};
 use super::{Interpolation, Lattice};
 
@@ -82,46 +82,60 @@ fn prefetch(p: *const f32) {
 /// A number for each of the `C` vertices that each sample of a block reads.
 pub(crate) type Vertices<T, const C: usize> = [[T; BLOCK]; C];
 
-/// Call `body` with the start, the entries and the weights of each block of `n` samples, as `vertices` gives them, while the entries of the next
-/// block are on their way into the cache: large tables come from far away. `table` is only a hint; entries lie `first` numbers behind.
+/// Where the entries of these vertices start, and their weights.
+#[derive(Clone, Copy)]
+pub(crate) struct Read<const C: usize> {
+    pub(crate) starts: Vertices<u32, C>,
+    pub(crate) weights: Vertices<f32, C>,
+}
+
+impl<const C: usize> Read<C> {
+    /// Before anything was located.
+    pub(crate) const NOTHING: Self = Self { starts: [[0; BLOCK]; C], weights: [[0.0; BLOCK]; C] };
+}
+
+/// Call `body` with the start and the vertices of each block of `n` samples, which `locate` writes over what it is given, while the entries of the
+/// next block are on their way into the cache: large tables come from far away. `table` is only a hint; entries lie `first` numbers behind.
 #[inline(always)]
 pub(crate) fn for_each_block<const C: usize>(
     n: usize,
     table: *const f32,
     first: usize,
-    vertices: impl Fn(usize) -> (Vertices<u32, C>, Vertices<f32, C>),
-    mut body: impl FnMut(usize, &Vertices<u32, C>, &Vertices<f32, C>),
+    locate: impl Fn(usize, &mut Read<C>),
+    mut body: impl FnMut(usize, &Read<C>),
 ) {
-    if n == 0 {
-        return;
-    }
-    let mut next = vertices(0);
-    for at in (0..n).step_by(BLOCK) {
-        let (starts, weights) = next;
-        if at + BLOCK < n {
-            next = vertices(at + BLOCK);
-            for &start in next.0.as_flattened() {
+    // Two that take turns: they are too large to be copied for each block.
+    let [now, next] = &mut [Read::NOTHING; 2];
+    let (mut now, mut next) = (now, next);
+    // One call of each: what is called twice may not be compiled for the vectors of the level that this is inlined into.
+    for at in (0..n + BLOCK).step_by(BLOCK) {
+        if at < n {
+            locate(at, next);
+            for &start in next.starts.as_flattened() {
                 prefetch(table.wrapping_add(start as usize + first));
             }
         }
-        body(at, &starts, &weights);
+        if at > 0 {
+            body(at - BLOCK, now);
+        }
+        core::mem::swap(&mut now, &mut next);
     }
 }
 
 /// The weighted sum over the vertices of each sample of a block: `[F][BLOCK]`.
 ///
 /// # Safety
-/// `table` has to hold `F` numbers `first` behind each of `starts`.
+/// `table` has to hold `F` numbers `first` behind each start of `read`.
 #[inline(always)]
 pub(crate) unsafe fn gather_block<const F: usize, const C: usize>(
     table: &[f32],
     first: usize,
-    starts: &Vertices<u32, C>,
-    weights: &Vertices<f32, C>,
+    read: &Read<C>,
 ) -> [Lanes; F]
 where
     Packed: Features<F>,
 {
+    let Read { starts, weights } = read;
     let mut out = [[0.0; BLOCK]; F];
     for i in 0..BLOCK {
         let mut acc = Packed::zero();
@@ -143,18 +157,18 @@ where
 /// Add the gradients `out_bar` of the first `samples` of a block to the vertices that [`gather_block`] read, samples in order, vertices in order.
 ///
 /// # Safety
-/// `grad` has to hold `F` numbers `first` behind each of `starts`.
+/// `grad` has to hold `F` numbers `first` behind each start of `read`.
 #[inline(always)]
 pub(crate) unsafe fn scatter_block<const F: usize, const C: usize>(
     grad: &mut [f32],
     first: usize,
-    starts: &Vertices<u32, C>,
-    weights: &Vertices<f32, C>,
+    read: &Read<C>,
     out_bar: &[Lanes; F],
     samples: usize,
 ) where
     Packed: Features<F>,
 {
+    let Read { starts, weights } = read;
     for i in 0..samples.min(BLOCK) {
         let out_bar = Packed::pack(core::array::from_fn(|f| out_bar[f][i]));
         for c in 0..C {
@@ -206,21 +220,21 @@ pub(crate) fn write_block<const F: usize>(rows: &mut [&mut [f32]; F], at: usize,
 }
 
 impl Place<'_> {
-    /// Cells, entries and weights of the block at `at`.
+    /// What the block at `at` reads, written over `out`.
     #[inline(always)]
-    fn corners(&self, at: usize) -> (Corners<u32>, Corners<f32>) {
+    fn locate(&self, at: usize, out: &mut Read<8>) {
         let cells = Cells::locate(&self.lattice, self.interpolation, &block(&self.x, at));
-        let weights = match &self.x_dot {
-            None => cells.weights(Weights::Value),
-            Some(x_dot) => cells.weights(Weights::Tangent(&block(x_dot, at))),
-        };
-        (cells.starts(&self.lattice, self.stride as u32), weights)
+        match &self.x_dot {
+            None => cells.weights(Weights::Value, &mut out.weights),
+            Some(x_dot) => cells.weights(Weights::Tangent(&block(x_dot, at)), &mut out.weights),
+        }
+        cells.starts(&self.lattice, self.stride as u32, &mut out.starts);
     }
 
     /// As [`for_each_block`].
     #[inline(always)]
-    fn for_each_block(&self, table: *const f32, body: impl FnMut(usize, &Corners<u32>, &Corners<f32>)) {
-        for_each_block(self.x[0].len(), table, self.first, |at| self.corners(at), body);
+    fn for_each_block(&self, table: *const f32, body: impl FnMut(usize, &Read<8>)) {
+        for_each_block(self.x[0].len(), table, self.first, |at, out| self.locate(at, out), body);
     }
 
     #[inline(always)]
@@ -245,10 +259,10 @@ where
     fn run<V: Vector>(self) {
         self.place.check::<F>(self.table);
         let Self { place, table, out: mut rows } = self;
-        place.for_each_block(table.as_ptr(), |at, starts, weights| {
-            // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the table holds `features` more, and that
+        place.for_each_block(table.as_ptr(), |at, read| {
+            // SAFETY: starts are at most (entries - 1) * stride; `check` saw that the table holds `features` more, and that
             // first + F <= features.
-            let out = unsafe { gather_block::<F, 8>(table, place.first, starts, weights) };
+            let out = unsafe { gather_block::<F, 8>(table, place.first, read) };
             write_block(&mut rows, at, &out);
         });
     }
@@ -266,13 +280,13 @@ where
         let n = place.x[0].len();
         // Groups that do not start at multiples of their size may lie in two blocks.
         let straddles = !BLOCK_FLOATS.is_multiple_of(F) || !(place.stride | place.first).is_multiple_of(F);
-        place.for_each_block(grad.as_ptr(), |at, starts, weights| {
+        place.for_each_block(grad.as_ptr(), |at, read| {
             let out_bar = block(&rows, at);
-            // SAFETY: `starts` are at most (entries - 1) * stride; `check` saw that the gradient holds `features` more, and that
+            // SAFETY: starts are at most (entries - 1) * stride; `check` saw that the gradient holds `features` more, and that
             // first + F <= features.
-            unsafe { scatter_block::<F, 8>(grad, place.first, starts, weights, &out_bar, n - at) };
+            unsafe { scatter_block::<F, 8>(grad, place.first, read, &out_bar, n - at) };
             if let Some(touched) = &mut touched {
-                touch_block::<F, 8>(touched, place.first, starts, n - at, straddles);
+                touch_block::<F, 8>(touched, place.first, &read.starts, n - at, straddles);
             }
         });
     }
@@ -293,7 +307,9 @@ where
         }
         let locate = |at| {
             let cells = Cells::locate(&place.lattice, place.interpolation, &block(&place.x, at));
-            (cells, cells.starts(&place.lattice, place.stride as u32))
+            let mut starts = [[0; BLOCK]; 8];
+            cells.starts(&place.lattice, place.stride as u32, &mut starts);
+            (cells, starts)
         };
         let mut next = locate(0);
         for at in (0..n).step_by(BLOCK) {

@@ -7,16 +7,13 @@ use crate::encoding::lattice::PRIMES;
 use crate::encoding::lattice::cell::BLOCK as LANES;
 use crate::encoding::lattice::features::{Features, Packed};
 use crate::encoding::lattice::kernel::{
-    Vertices, block, for_each_block, gather_block, scatter_block, touch_block, write_block,
+    Read, block, for_each_block, gather_block, scatter_block, touch_block, write_block,
 };
 
 /// Vertices of a simplex.
 const CORNERS: usize = 5;
 /// Which pairs are put in order one after the other, so that four numbers are in order at the end.
 const SORT: [[usize; 2]; 5] = [[0, 1], [2, 3], [0, 2], [1, 3], [1, 2]];
-
-/// A number for each vertex of a block of simplices.
-type Corners<T> = Vertices<T, CORNERS>;
 
 /// What every kernel works on: a level, positions `[3][n]` and times `[n]`.
 #[derive(Clone, Copy)]
@@ -87,10 +84,10 @@ impl Place<'_> {
         cells
     }
 
-    /// The entry of each vertex of the simplices that samples lie in, and its weight. From the lowest corner of the cell an edge leads along the
+    /// Where the `F` numbers of each vertex of the simplices that samples lie in start, and its weight, written over `out`. From the lowest corner of the cell an edge leads along the
     /// axis on which the sample is farthest, then along the next, to the corner opposite.
     #[inline(always)]
-    fn simplices(&self, cells: &Cells) -> (Corners<u32>, Corners<f32>) {
+    fn simplices<const F: usize>(&self, cells: &Cells, out: &mut Read<CORNERS>) {
         let TimeLevel { cells: [side, _], entries, dense, .. } = self.level;
         let r = side + 1;
         let factors = if dense { [1, r, r * r, r * r * r] } else { [1, PRIMES[0], PRIMES[1], TIME_PRIME] };
@@ -112,19 +109,18 @@ impl Place<'_> {
                 (step[a][lane], step[b][lane]) = if swap { (v, u) } else { (u, v) };
             }
         }
-        let (mut entry, mut weight) = ([[0; LANES]; CORNERS], [[0.0; LANES]; CORNERS]);
+        let Read { starts, weights: weight } = out;
         let mask = if dense { u32::MAX } else { entries - 1 };
         for lane in 0..LANES {
             let mut vertex = first[lane];
-            entry[0][lane] = vertex & mask;
+            starts[0][lane] = (vertex & mask) * F as u32;
             weight[0][lane] = 1.0 - at[0][lane];
             for k in 0..4 {
                 vertex = if dense { vertex + step[k][lane] } else { vertex ^ step[k][lane] };
-                entry[k + 1][lane] = vertex & mask;
+                starts[k + 1][lane] = (vertex & mask) * F as u32;
                 weight[k + 1][lane] = if k < 3 { at[k][lane] - at[k + 1][lane] } else { at[3][lane] };
             }
         }
-        (entry, weight)
     }
 
     /// Refuses a table too short for an entry that [`Place::simplices`] may give: the `unsafe` below relies on it.
@@ -141,15 +137,11 @@ impl Place<'_> {
         );
     }
 
-    /// As [`for_each_block`], with where entries of `F` numbers begin.
+    /// As [`for_each_block`], with entries of `F` numbers.
     #[inline(always)]
-    fn for_each_block<const F: usize>(&self, table: *const f32, body: impl FnMut(usize, &Corners<u32>, &Corners<f32>)) {
-        let vertices = |from| {
-            let (mut entries, weights) = self.simplices(&self.locate(from));
-            entries.as_flattened_mut().iter_mut().for_each(|entry| *entry *= F as u32);
-            (entries, weights)
-        };
-        for_each_block(self.len(), table, 0, vertices, body);
+    fn for_each_block<const F: usize>(&self, table: *const f32, body: impl FnMut(usize, &Read<CORNERS>)) {
+        let locate = |from, out: &mut _| self.simplices::<F>(&self.locate(from), out);
+        for_each_block(self.len(), table, 0, locate, body);
     }
 }
 
@@ -163,9 +155,9 @@ where
     fn run<V: Vector>(self) {
         self.place.check::<F>(self.table);
         let Self { place, table, out: mut rows } = self;
-        place.for_each_block::<F>(table.as_ptr(), |from, starts, weights| {
+        place.for_each_block::<F>(table.as_ptr(), |from, read| {
             // SAFETY: `check` saw that the table holds the `F` numbers of every entry that there is.
-            let out = unsafe { gather_block::<F, CORNERS>(table, 0, starts, weights) };
+            let out = unsafe { gather_block::<F, CORNERS>(table, 0, read) };
             write_block(&mut rows, from, &out);
         });
     }
@@ -182,12 +174,12 @@ where
         self.place.check::<F>(self.grad);
         let Self { place, out_bar: rows, grad, touched } = self;
         let n = place.len();
-        place.for_each_block::<F>(grad.as_ptr(), |from, starts, weights| {
+        place.for_each_block::<F>(grad.as_ptr(), |from, read| {
             let out_bar = block(&rows, from);
             // SAFETY: `check` saw that the gradient holds the `F` numbers of every entry that there is.
-            unsafe { scatter_block::<F, CORNERS>(grad, 0, starts, weights, &out_bar, n - from) };
+            unsafe { scatter_block::<F, CORNERS>(grad, 0, read, &out_bar, n - from) };
             // 1, 2, 4 or 8 numbers from a multiple of themselves: in one block of 16.
-            touch_block::<F, CORNERS>(touched, 0, starts, n - from, false);
+            touch_block::<F, CORNERS>(touched, 0, &read.starts, n - from, false);
         });
     }
 }
@@ -199,12 +191,13 @@ impl<const F: usize> Task for PositionGradient<'_, '_, F> {
     fn run<V: Vector>(self) {
         let (table, _) = self.table.as_chunks::<F>();
         let n = self.place.len();
+        let mut read = Read::NOTHING;
         for from in (0..n).step_by(LANES) {
             let cells = self.place.locate(from);
-            let (entries, _) = self.place.simplices(&cells);
+            self.place.simplices::<1>(&cells, &mut read);
             for lane in 0..LANES.min(n - from) {
                 let dot = |corner: usize| {
-                    let value = &table[entries[corner][lane] as usize];
+                    let value = &table[read.starts[corner][lane] as usize];
                     (0..F).map(|f| value[f] * self.out_bar[f][from + lane]).sum::<f32>()
                 };
                 // The axes in the order of the edges: as the kernels sort them.
