@@ -52,7 +52,7 @@ impl<'a> Settings<'a> {
     /// # Panics
     /// Where another part has a setting of the same name.
     pub(crate) fn of<C: Serialize + DeserializeOwned>(&mut self, planned: &C) -> Result<C, SystemError> {
-        let part = over(table(planned), self.run);
+        let part = over(table(planned), self.run)?;
         for (key, value) in &part {
             let before = self.all.insert(key.clone(), value.clone());
             assert!(before.is_none(), "two parts have a setting `{key}`");
@@ -84,16 +84,33 @@ impl<'a> Settings<'a> {
 }
 
 /// The values of `--set` in the place of those that are planned.
-fn over(mut planned: toml::Table, run: &RunOptions) -> toml::Table {
+fn over(mut planned: toml::Table, run: &RunOptions) -> Result<toml::Table, SystemError> {
     for (key, value) in &run.set {
         let Some(slot) = planned.get_mut(key) else { continue };
-        // `1` for a float is meant well.
         *slot = match (&*slot, value) {
+            // `1` for a float is meant well.
             (toml::Value::Float(_), toml::Value::Integer(i)) => toml::Value::Float(*i as f64),
-            _ => value.clone(),
+            (planned, value) if planned.same_type(value) => value.clone(),
+            (planned, value) => return Err(another_kind(key, value, planned)),
         };
     }
-    planned
+    Ok(planned)
+}
+
+/// That a setting is not of the kind that it is planned with.
+fn another_kind(key: &str, value: &toml::Value, planned: &toml::Value) -> SystemError {
+    let kind = match planned {
+        toml::Value::String(_) => "a word",
+        toml::Value::Integer(_) => "a whole number",
+        toml::Value::Float(_) => "a number",
+        toml::Value::Boolean(_) => "true or false",
+        _ => "a list",
+    };
+    SystemError::Config {
+        field: "set",
+        value: format!("{key} = {value}"),
+        problem: format!("must be {kind}, as {planned} is"),
+    }
 }
 
 fn typed<C: DeserializeOwned>(settings: toml::Table, run: &RunOptions) -> Result<C, SystemError> {
@@ -141,6 +158,7 @@ mod tests {
         let error = settings.all().unwrap_err().to_string();
         assert!(error.contains("depth") && error.contains("there are width"), "{error}");
         let run = self::run("width = \"wide\"");
-        assert!(Settings::new(&run).of(&One { width: 1.0 }).unwrap_err().to_string().contains("wide"));
+        let error = Settings::new(&run).of(&One { width: 1.0 }).unwrap_err().to_string();
+        assert!(error.contains("width = \"wide\"") && error.contains("must be a number, as 1.0 is"), "{error}");
     }
 }
