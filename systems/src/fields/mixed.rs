@@ -1,4 +1,8 @@
 //! Both parts of a field at the points where something moves, forwards and backwards.
+//!
+//! ```text
+//! r_m = r_s + delta_r, g_m = g_s + delta_g        a moving part on top of the still one: its network gives delta (else r_m, g_m)
+//! ```
 
 use super::blend::{Parts, blend, blend_backward};
 use super::moving_part::MovingPart;
@@ -53,6 +57,9 @@ impl Mixed {
         let n = raw.len() / rows;
         let still = sized(&mut self.still, rows * m);
         of.gather(raw, n, still);
+        if part.on_top {
+            self.moving.iter_mut().zip(still.iter()).for_each(|(moving, still)| *moving += still);
+        }
         let (out, share) = (sized(&mut self.out, rows * m), sized(&mut self.share, m));
         blend(Parts { still, moving: &self.moving[..(rows + 1) * m], n: m }, out, share);
         of.scatter(out, raw, n);
@@ -106,6 +113,9 @@ impl Mixed {
         let parts = Parts { still: &self.still[..rows * m], moving: &self.moving[..(rows + 1) * m], n: m };
         moving_bar[(rows + 1) * m..].fill(0.0);
         blend_backward(parts, &self.share[..m], out_bar, bars, still_bar, moving_bar);
+        if part.on_top {
+            still_bar.iter_mut().zip(&*moving_bar).for_each(|(still, moving)| *still += moving);
+        }
         of.scatter(still_bar, &mut raw_bar[..rows * n], n);
         let scratch = sized(&mut self.scratch, mlp.backward_scratch_len());
         let x_bar = Some((&mut features_bar[of.first..], of.stride));

@@ -26,6 +26,8 @@ pub(crate) struct MovingPart {
     pub(crate) network: Mlp,
     /// Rows that the still part does not have, after the gate.
     more: usize,
+    /// Whether its network gives by how much it differs from what the still part's gives.
+    pub(super) on_top: bool,
     pub(crate) params: Vec<f32>,
     pub(crate) adam: Adam,
     /// Where something moves.
@@ -40,6 +42,8 @@ pub(crate) struct MovingPart {
 const NETWORK: &str = "moving.density";
 const CELLS: &str = "moving.cells";
 const REVIEWS: &str = "moving.reviews";
+/// Only of parts that are on top of the still one.
+const ON_TOP: &str = "moving.on_top";
 
 fn names() -> Names {
     Names::new("moving.grid", "moving.grid")
@@ -65,6 +69,7 @@ impl MovingPart {
             deform,
             network,
             more,
+            on_top: false,
             params,
             cells,
             reviews: 0,
@@ -73,19 +78,25 @@ impl MovingPart {
         part
     }
 
-    /// Begin as the still part is: its features, where they have the same shape, and its network, which does not see yet what a
-    /// deformation adds. The gate is half open then, and the picture as before.
+    /// Begin as the still part is, and the picture as before; the gate is half open then. Features of the same shape, and the network behind them,
+    /// take that part's numbers. Others begin on top of it: by how much the moving part differs is what they learn, from nothing on.
+    /// A part with scene flow never does, as it is seen without the still part, too.
     pub(crate) fn begin_as(&mut self, features: &dyn Features, density: &DensityDecoder, params: &[f32]) {
-        let alike = self.features.rows() == features.rows() && self.features.take_values(features.parameters());
-        if !alike || density.mlp().layers().len() != self.network.layers().len() {
-            return;
-        }
-        self.params.fill(0.0);
-        for (from, to) in density.mlp().layers().iter().zip(self.network.layers()) {
-            let rows = params[from.weights.clone()].chunks_exact(from.inputs);
-            for (from, to) in rows.zip(self.params[to.weights.clone()].chunks_exact_mut(to.inputs)) {
-                to[..from.len()].copy_from_slice(from);
+        let (from, to) = (density.mlp().layers(), self.network.layers());
+        let alike = from.len() == to.len()
+            && self.features.rows() == features.rows()
+            && self.features.take_values(features.parameters());
+        self.on_top = !alike && self.more == 0;
+        if alike {
+            self.params.fill(0.0);
+            for (from, to) in from.iter().zip(to) {
+                let rows = params[from.weights.clone()].chunks_exact(from.inputs);
+                for (from, to) in rows.zip(self.params[to.weights.clone()].chunks_exact_mut(to.inputs)) {
+                    to[..from.len()].copy_from_slice(from);
+                }
             }
+        } else if self.on_top {
+            to.last().into_iter().for_each(|last| self.params[last.weights.clone()].fill(0.0));
         }
         self.pack();
     }
@@ -166,6 +177,7 @@ impl MovingPart {
             u64_tensor(CELLS, self.cells.words().to_vec()),
             u64_tensor(REVIEWS, vec![self.reviews]),
         ];
+        out.extend(self.on_top.then(|| u64_tensor(ON_TOP, vec![1])));
         push_adam(&mut out, NETWORK, &self.adam);
         self.features.push_state(&names(), &mut out);
         out.extend(self.deform.iter().flat_map(Deform::state));
@@ -197,6 +209,7 @@ impl MovingPart {
         }
         (self.params, self.adam, self.features) = (params, adam, features);
         self.reviews = reviews;
+        self.on_top = state.contains_key(ON_TOP);
         self.pack();
         Ok(())
     }

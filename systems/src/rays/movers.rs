@@ -298,6 +298,7 @@ impl RaySystem {
     pub(super) fn move_everywhere(&mut self) {
         let movers = self.movers.as_mut().unwrap();
         let mut part = movers.part(&self.config, self.seed, MovingCells::everywhere()).unwrap();
+        part.begin_as(&*self.field.features, &self.field.density, &self.field.density_params);
         let uniform = |stream: u64, i: usize| Rng::new(self.seed, stream).uniform_at(i as u64);
         part.features.parameters_mut().iter_mut().enumerate().for_each(|(i, x)| *x = 4.0 * (uniform(7, i) - 0.5));
         part.params.iter_mut().enumerate().for_each(|(i, x)| *x = 3.0 * (uniform(8, i) - 0.5));

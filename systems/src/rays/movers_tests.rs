@@ -1,7 +1,7 @@
 //! A part of the field for what moves: it is found, it is for what moves alone, and nothing of it is there where nothing moves.
 
 use super::budget_tests::{query, random_rays, randomised, small};
-use super::gradient_tests::{known, with_moving_part, with_scene_flow};
+use super::gradient_tests::{known, planes, with_moving_part, with_scene_flow};
 use super::moving_tests::{TIME_STEPS, filmed, stage_in, views};
 use super::scene_flow::Film;
 use super::{MovingConfig, MovingSettings, RayConfig, RaySystem};
@@ -129,17 +129,23 @@ fn masks_say_what_moves_where_all_photos_have_one_and_the_still_part_learns_from
 #[test]
 fn a_moving_part_begins_as_the_picture_is() {
     let data = filmed(16);
-    let mut driver = watching(60, &data);
-    for step in 0..60 {
-        driver.step(&data, step).unwrap();
+    // Features of the same shape take over the numbers of the still part, others begin on top of it.
+    let mut on_top = config();
+    on_top.moving.as_mut().unwrap().features = planes(&data, "hybrid").features;
+    for config in [config(), on_top] {
+        let mut driver = watching_by(config, 60, &data);
+        for step in 0..60 {
+            driver.step(&data, step).unwrap();
+        }
+        let rays: Vec<_> = data.view(3).rays(0..16).flatten().collect();
+        let before = driver.render(&rays, &query([1.0; 3], 0.0)).rgb;
+        driver.begin_movers(&data, 60).unwrap();
+        assert!(driver.field.moving.is_some());
+        let after = driver.render(&rays, &query([1.0; 3], 0.0)).rgb;
+        let pairs = before.as_flattened().iter().zip(after.as_flattened());
+        let off = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(off < 2e-2, "the picture changes by {off}");
     }
-    let rays: Vec<_> = data.view(3).rays(0..16).flatten().collect();
-    let before = driver.render(&rays, &query([1.0; 3], 0.0)).rgb;
-    driver.begin_movers(&data, 60).unwrap();
-    assert!(driver.field.moving.is_some());
-    let after = driver.render(&rays, &query([1.0; 3], 0.0)).rgb;
-    let off = before.as_flattened().iter().zip(after.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(off < 2e-2, "the picture changes by {off}");
 }
 
 /// A system that looks for what moves after 40, 80 and 120 steps, and gives back what is idle after 160 and 200.

@@ -2,12 +2,13 @@
 //!
 //! ```text
 //! sigma = (1 - m) sigma_s(x) + m sigma_m(x, t)          m: the moving part's gate, in cells where something moves (`fields::blend`)
+//! ln sigma_m = ln sigma_s(x) + delta(x, t)              what moves is on top of what stands still (`fields::mixed`); so are its features
 //! ```
 //!
 //! No paper's: the gate is that of NSFF (Li et al., 2021, section 3.3); what moves has a hash grid of space and time as in MSTH (Wang et
 //! al., "Masked Space-Time Hash Encoding for Efficient Dynamic Scene Reconstruction", 2023, section 3.1), whose mask is a learned
 //! number for each place. How it is found what moves: `docs/decisions/0052`; when this is the default: `docs/decisions/0054`; why
-//! not planes: `docs/decisions/0057`.
+//! not planes: `docs/decisions/0057`; why on top: `docs/decisions/0058`.
 
 use crate::claims::Claim;
 use crate::fields::{TimeHashSettings, TimeHashSource, view_times};
