@@ -38,15 +38,18 @@ pub(crate) enum Weights<'a> {
 }
 
 impl Cells {
+    /// Before anything was located.
+    pub(crate) const NOTHING: Self = Self {
+        base: [[0; BLOCK]; 3],
+        upper: [[0.0; BLOCK]; 3],
+        derivative: [[0.0; BLOCK]; 3],
+        second: [[0.0; BLOCK]; 3],
+    };
+
     /// Locate points; coordinates outside `[0, 1]` are clamped, NaN counts as 0.
     #[inline(always)]
     pub(crate) fn locate(lattice: &Lattice, interpolation: Interpolation, x: &[Lanes; 3]) -> Self {
-        let mut cells = Self {
-            base: [[0; BLOCK]; 3],
-            upper: [[0.0; BLOCK]; 3],
-            derivative: [[0.0; BLOCK]; 3],
-            second: [[0.0; BLOCK]; 3],
-        };
+        let mut cells = Self::NOTHING;
         for a in 0..3 {
             for i in 0..BLOCK {
                 let x = x[a][i];

@@ -2,7 +2,7 @@
 
 use float_core::{Task, Vector};
 
-use super::cell::{BLOCK, Cells, Lanes, Weights};
+use super::cell::{BLOCK, Cells, Corners, Lanes, Weights};
 use super::features::{Features, Packed};
 use super::{Interpolation, Lattice};
 
@@ -94,32 +94,48 @@ impl<const C: usize> Read<C> {
     pub(crate) const NOTHING: Self = Self { starts: [[0; BLOCK]; C], weights: [[0.0; BLOCK]; C] };
 }
 
-/// Call `body` with the start and the vertices of each block of `n` samples, which `locate` writes over what it is given, while the entries of the
-/// next block are on their way into the cache: large tables come from far away. `table` is only a hint; entries lie `first` numbers behind.
+/// Ask for entries of `table` that lie `first` numbers behind these starts: large tables come from far away. `table` is only a hint.
 #[inline(always)]
-pub(crate) fn for_each_block<const C: usize>(
-    n: usize,
-    table: *const f32,
-    first: usize,
-    locate: impl Fn(usize, &mut Read<C>),
-    mut body: impl FnMut(usize, &Read<C>),
-) {
+fn prefetch_entries<const C: usize>(table: *const f32, first: usize, starts: &Vertices<u32, C>) {
+    for &start in starts.as_flattened() {
+        prefetch(table.wrapping_add(start as usize + first));
+    }
+}
+
+/// Call `body` with the start of each block of `n` samples and what `locate` wrote of it over what it was given, `nothing` at first. A block is
+/// located before the one before it is worked on: what it reads is on its way into the cache by then.
+#[inline(always)]
+fn one_block_ahead<T: Copy>(n: usize, nothing: T, locate: impl Fn(usize, &mut T), mut body: impl FnMut(usize, &T)) {
     // Two that take turns: they are too large to be copied for each block.
-    let [now, next] = &mut [Read::NOTHING; 2];
+    let [now, next] = &mut [nothing; 2];
     let (mut now, mut next) = (now, next);
     // One call of each: what is called twice may not be compiled for the vectors of the level that this is inlined into.
     for at in (0..n + BLOCK).step_by(BLOCK) {
         if at < n {
             locate(at, next);
-            for &start in next.starts.as_flattened() {
-                prefetch(table.wrapping_add(start as usize + first));
-            }
         }
         if at > 0 {
             body(at - BLOCK, now);
         }
         core::mem::swap(&mut now, &mut next);
     }
+}
+
+/// Call `body` with the start and the vertices of each block of `n` samples, which `locate` writes over what it is given, while the entries of the
+/// next block are on their way into the cache. Entries of `table` lie `first` numbers behind their starts.
+#[inline(always)]
+pub(crate) fn for_each_block<const C: usize>(
+    n: usize,
+    table: *const f32,
+    first: usize,
+    locate: impl Fn(usize, &mut Read<C>),
+    body: impl FnMut(usize, &Read<C>),
+) {
+    let locate = |at, next: &mut Read<C>| {
+        locate(at, next);
+        prefetch_entries(table, first, &next.starts);
+    };
+    one_block_ahead(n, Read::NOTHING, locate, body);
 }
 
 /// The weighted sum over the vertices of each sample of a block: `[F][BLOCK]`.
@@ -301,25 +317,12 @@ where
     fn run<V: Vector>(self) {
         self.place.check::<F>(self.table);
         let Self { place, table, out_bar: rows, x_bar: mut x_bars } = self;
-        let n = place.x[0].len();
-        if n == 0 {
-            return;
-        }
-        let locate = |at| {
-            let cells = Cells::locate(&place.lattice, place.interpolation, &block(&place.x, at));
-            let mut starts = [[0; BLOCK]; 8];
-            cells.starts(&place.lattice, place.stride as u32, &mut starts);
-            (cells, starts)
+        let locate = |at, (cells, starts): &mut (Cells, Corners<u32>)| {
+            *cells = Cells::locate(&place.lattice, place.interpolation, &block(&place.x, at));
+            cells.starts(&place.lattice, place.stride as u32, starts);
+            prefetch_entries(table.as_ptr(), place.first, starts);
         };
-        let mut next = locate(0);
-        for at in (0..n).step_by(BLOCK) {
-            let (cells, starts) = next;
-            if at + BLOCK < n {
-                next = locate(at + BLOCK);
-                for &start in next.1.as_flattened() {
-                    prefetch(table.as_ptr().wrapping_add(start as usize + place.first));
-                }
-            }
+        one_block_ahead(place.x[0].len(), (Cells::NOTHING, [[0; BLOCK]; 8]), locate, |at, (cells, starts)| {
             let out_bar = block(&rows, at);
             let by_x = match &place.x_dot {
                 None => cells.weights_by_x(Weights::Value),
@@ -368,6 +371,6 @@ where
                     *out += x;
                 }
             }
-        }
+        });
     }
 }
