@@ -12,11 +12,10 @@ use super::config::RayConfig;
 use super::driver::RaySystem;
 use super::mover_masks::MoverMasks;
 use super::moving_config::MovingConfig;
-use super::residuals::{PhotoTile, Residuals, ToldBy, side_of_tile};
+use super::residuals::{Compared, PhotoTile, Residuals, ToldBy, side_of_tile};
 use super::scene_flow::{Film, FlowContext};
 use super::work::Work;
 use crate::fields::{MovingCells, MovingPart, NETWORK_ADAM};
-use crate::photo_model::Pixel;
 use crate::schedule::Done;
 use crate::warps::Deform;
 use engine::data::{Batch, Dataset};
@@ -218,8 +217,9 @@ impl RaySystem {
         if let Some(residuals) = movers.residuals.as_mut().filter(|_| !by_masks) {
             self.gather_seen();
             let Work { inputs, seen, .. } = &self.work;
-            let signed = |(p, t): (&Pixel, &[f32; 3])| [0, 1, 2].map(|c| p.rgb[c] - t[c]);
-            residuals.learn(step, &inputs.batch, seen.iter().zip(&inputs.truth).map(signed));
+            let compared =
+                seen.iter().zip(&inputs.truth).map(|(pixel, truth)| Compared { shown: pixel.rgb, truth: *truth });
+            residuals.learn(step, &inputs.batch, compared);
         }
         self.movers = Some(movers);
     }

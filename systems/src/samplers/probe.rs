@@ -55,6 +55,9 @@ pub(super) struct Prober {
     moved: Vec<f32>,
     /// `[n]`, bins in which cells were found full; only where bins are told apart.
     bins: Vec<u64>,
+    /// The cells of a round, and their places among all.
+    cells: Vec<u32>,
+    again: Vec<u32>,
 }
 
 /// Where in its cell, and at which times, an update probes.
@@ -107,26 +110,40 @@ impl Prober {
     /// Where something moves, a cell is probed at several times, and its fullest counts: what is there for a short while
     /// must not be taken for empty.
     pub(super) fn probe(&mut self, of: &Probed<'_>, cells: &[u32], out: &mut [f32], found: &mut Vec<Found>) {
+        self.probe_once(of, 0, cells, out);
         if of.field.time_steps().differ() {
             self.bins.clear();
             self.bins.resize(cells.len(), 0);
-            out.fill(0.0);
-            for round in 0..TIMES_OF_A_PROBE {
-                let mut now = std::mem::take(&mut self.now);
-                self.probe_once(of, round, cells, sized(&mut now, cells.len()));
-                self.find(of, round, cells, &now);
-                out.iter_mut().zip(&now).for_each(|(out, now)| *out = out.max(*now));
-                self.now = now;
-            }
+            self.again.clear();
+            self.again.extend(0..cells.len() as u32);
+            self.find(of, 0, cells, out);
+            self.probe_again(of, cells, out);
             let full = cells.iter().zip(&self.bins).filter(|(_, bins)| **bins != 0);
             found.extend(full.map(|(&cell, &bins)| Found { cell, bins }));
-        } else {
-            self.probe_once(of, 0, cells, out);
         }
         out.iter_mut().zip(cells).for_each(|(out, &id)| *out *= of.step(id));
     }
 
-    /// Mark the bins in which cells are full by the densities of a round.
+    /// All rounds after the first. Where a part of the field is for what moves, only of cells whose first point moves: what stands still
+    /// was seen in the first round.
+    fn probe_again(&mut self, of: &Probed<'_>, cells: &[u32], out: &mut [f32]) {
+        if of.field.moving.is_some() {
+            self.again.clone_from(&self.moving);
+        }
+        let mut some = std::mem::take(&mut self.cells);
+        some.clear();
+        some.extend(self.again.iter().map(|&i| cells[i as usize]));
+        let mut now = std::mem::take(&mut self.now);
+        let now_there = sized(&mut now, some.len());
+        for round in 1..TIMES_OF_A_PROBE {
+            self.probe_once(of, round, &some, now_there);
+            self.find(of, round, &some, now_there);
+            self.again.iter().zip(&*now_there).for_each(|(&i, now)| out[i as usize] = out[i as usize].max(*now));
+        }
+        (self.cells, self.now) = (some, now);
+    }
+
+    /// Mark the bins in which the cells of a round are full by its densities.
     fn find(&mut self, of: &Probed<'_>, round: u32, cells: &[u32], densities: &[f32]) {
         let Some(spans) = of.spans else { return };
         // What stands still is asked for in the first round alone, and is so at all times.
@@ -135,7 +152,8 @@ impl Prober {
         for (i, (&id, &density)) in cells.iter().zip(densities).enumerate() {
             let moves = moving.next_if(|&&column| column as usize == i).is_some();
             if density * of.step(id) > spans.level {
-                self.bins[i] |= if has_still && !moves { spans.all } else { spans.bins[self.which[i] as usize] };
+                let bins = if has_still && !moves { spans.all } else { spans.bins[self.which[i] as usize] };
+                self.bins[self.again[i] as usize] |= bins;
             }
         }
     }
@@ -177,7 +195,8 @@ impl Prober {
 
     pub(super) fn bytes(&self) -> usize {
         let floats: usize = [&self.p, &self.x, &self.now, &self.was, &self.moved].iter().map(|v| v.capacity()).sum();
-        let indices: usize = [&self.which, &self.moving, &self.moving_which].iter().map(|v| v.capacity()).sum();
+        let indices = [&self.which, &self.moving, &self.moving_which, &self.cells, &self.again];
+        let indices: usize = indices.iter().map(|v| v.capacity()).sum();
         4 * (floats + indices) + 8 * self.bins.capacity() + self.densities.bytes()
     }
 }
