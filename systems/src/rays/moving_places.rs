@@ -20,7 +20,7 @@ use render_core::space_map::SpaceMap;
 const NOTHING: f64 = 1e-3;
 /// A block moves where this share of the views that see it see something move there, and at least so many of them.
 const OF_VIEWS: f32 = 0.06;
-const VIEWS: u16 = 2;
+const VIEWS: u16 = 3;
 /// The same where masks say so, which do not err by chance.
 const OF_MASKS: f32 = 0.03;
 const MASKS: u16 = 1;
