@@ -37,7 +37,7 @@ pub(super) struct Movers {
     config: MovingConfig,
     deform: Option<Deform>,
     /// `None` once it was asked what moves.
-    residuals: Option<Residuals>,
+    pub(super) residuals: Option<Residuals>,
     /// What was found, and whether that was told.
     pub(super) found: Option<Found>,
     told: bool,

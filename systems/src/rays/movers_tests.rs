@@ -3,6 +3,7 @@
 use super::budget_tests::{query, random_rays, randomised, small};
 use super::gradient_tests::{known, planes, with_moving_part, with_scene_flow};
 use super::moving_tests::{TIME_STEPS, filmed, stage_in, views};
+use super::residuals::Compared;
 use super::scene_flow::Film;
 use super::{MovingConfig, MovingSettings, RayConfig, RaySystem};
 use crate::fields::MovingCells;
@@ -10,7 +11,7 @@ use crate::papers::dynamic::nsff;
 use crate::space::{Space, SpaceKind};
 use crate::warps::made::MadeSettings;
 use crate::warps::{Motion, TimeKind, Times, WarpSettings};
-use engine::data::Dataset;
+use engine::data::{Batch, Dataset};
 use engine::options::Background;
 use engine::system::{Query, System, TensorMap};
 use glam::DVec3;
@@ -126,9 +127,21 @@ fn masks_say_what_moves_where_all_photos_have_one_and_the_still_part_learns_from
     }
 }
 
+/// What the photos of a driver show in their left fifth is by far not what its field shows there.
+fn errs_at_the_left(driver: &mut RaySystem, data: &Dataset) {
+    let residuals = driver.movers.as_mut().unwrap().residuals.as_mut().unwrap();
+    for step in 0..20 {
+        let mut batch = Batch::default();
+        data.draw_among(5, step, 1 << 12, None, &mut batch).unwrap();
+        let off = |[x, _]: &[u16; 2]| if *x < 7 { 0.6 } else { 0.1 };
+        let compared = batch.pixel.iter().map(|at| Compared { shown: [off(at); 3], truth: [0.1; 3] });
+        residuals.learn(1000 + step, &batch, compared);
+    }
+}
+
 #[test]
 fn a_moving_part_begins_as_the_picture_is() {
-    let data = filmed(16);
+    let data = filmed(32);
     // Features of the same shape take over the numbers of the still part, others begin on top of it.
     let mut on_top = config();
     on_top.moving.as_mut().unwrap().features = planes(&data, "hybrid").features;
@@ -137,6 +150,7 @@ fn a_moving_part_begins_as_the_picture_is() {
         for step in 0..60 {
             driver.step(&data, step).unwrap();
         }
+        errs_at_the_left(&mut driver, &data);
         let rays: Vec<_> = data.view(3).rays(0..16).flatten().collect();
         let before = driver.render(&rays, &query([1.0; 3], 0.0)).rgb;
         driver.begin_movers(&data, 60).unwrap();

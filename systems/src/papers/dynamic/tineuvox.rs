@@ -11,7 +11,7 @@
 //! Voxels double in number after 10, 20 and 30 % of the run, as released (2000, 4000 and 6000 steps of 20 000), and keep the moments of
 //! their optimiser. `t = 0` is a time like any other. Beside the error of pixels it has the released code's losses on the ends of
 //! rays (`background_entropy`), on the colours of samples (`point_colour`) and, for captures, on neighbouring voxels
-//! (`voxel_variation`), with its factors. What was changed and why: docs/decisions/0050, and 0060 for its rates.
+//! (`voxel_variation`), with its factors. What was changed and why: docs/decisions/0050.
 
 use crate::claims::Claim;
 use crate::fields::VoxelSettings;
@@ -37,10 +37,8 @@ pub(crate) const CLAIM: Claim = Claim {
     differs: "The small model, with an occupancy grid and steps from the size of a pixel; density is an exponential \
               (released: softplus), rates are held for half of the run (released: they fall at once), octaves that the \
               displacement sees come in within its first third (released: all at once), the optimiser goes on where voxels \
-              double (released: begins anew). Networks learn with a rate of 9.6e-3 and the displacement with 2.4e-3, as a run \
-              has few steps (released: 8e-4 and 6e-4, for 20 000: `network_lr=0.01`, `warp_lr=0.0075`). There are no codes of \
-              cameras and no background points.",
-    mark: "exponential density, own rates and schedule",
+              double (released: begins anew). There are no codes of cameras and no background points.",
+    mark: "exponential density, own schedule",
 };
 
 /// Features of a voxel, and voxels along an axis, of the small model (table 1, "S").
@@ -49,11 +47,10 @@ const VOXELS: usize = 100;
 /// Share of the run between one doubling of the voxels and the next.
 const VOXELS_EVERY: f64 = 0.1;
 
-/// Learning rates: of voxels as released; of the displacement and of all other networks for a run of a thousand steps or a few, where
-/// those released (6e-4, 8e-4) are for 20 000 (docs/decisions/0060).
+/// Learning rates as released: of voxels, of the displacement, of all other networks.
 const VOXEL_RATE: f64 = 8e-2;
-const WARP_RATE: f64 = 2.4e-3;
-const NETWORK_RATE: f64 = 9.6e-3;
+const WARP_RATE: f64 = 6e-4;
+const NETWORK_RATE: f64 = 8e-4;
 
 /// What the density network hands to the colour network: as many features as it is wide.
 const GEOMETRY: usize = 64;
