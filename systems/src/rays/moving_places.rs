@@ -18,11 +18,9 @@ use render_core::space_map::SpaceMap;
 
 /// Share of the tiles below which nothing moves: what is left over then are highlights and mistakes.
 const NOTHING: f64 = 1e-3;
-/// A block moves where this share of the views that see it see something move there, and at least so many of them; one more than one in
-/// so many of all, where there are few.
+/// A block moves where this share of the views that see it see something move there, and at least so many of them.
 const OF_VIEWS: f32 = 0.06;
-const VIEWS: u16 = 3;
-const FEW_VIEWS: usize = 8;
+const VIEWS: u16 = 2;
 /// The same where masks say so, which do not err by chance.
 const OF_MASKS: f32 = 0.03;
 const MASKS: u16 = 1;
@@ -136,7 +134,7 @@ impl RaySystem {
         let rows: Vec<Vec<[u16; 2]>> =
             (0..MovingCells::BLOCKS / MovingCells::ROW).into_par_iter().map(|row| votes(&sights, &map, row)).collect();
         let (share, least) = match by {
-            ToldBy::Residuals => (OF_VIEWS, VIEWS.min(1 + (sights.len() / FEW_VIEWS) as u16)),
+            ToldBy::Residuals => (OF_VIEWS, VIEWS.min(sights.len() as u16)),
             ToldBy::Masks => (OF_MASKS, MASKS),
         };
         for (block, [seen, moving]) in rows.into_iter().flatten().enumerate() {
