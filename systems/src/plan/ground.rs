@@ -87,6 +87,10 @@ impl Ground {
         let transparent = has_alpha(data)?;
         let background = run.background.or(backdrop.as_ref().map(|b| b.background)).unwrap_or(Background::Random);
         lines.push(match (run.background, transparent, backdrop) {
+            (Some(b @ (Background::White | Background::Black)), true, _) => format!(
+                "background: {0} (asked for; fog of that colour costs nothing before it: without `--background {0}` each ray has another)",
+                b.name()
+            ),
             (Some(b), ..) => format!("background: {} (asked for)", b.name()),
             (None, true, _) => "background: random (the images have alpha: empty space cannot hide as a colour)".into(),
             (None, false, Some(backdrop)) => backdrop.line,
@@ -202,5 +206,28 @@ fn not_forward() -> SystemError {
         field: "space",
         value: "ndc".into(),
         problem: "the cameras do not all look the same way; use `contracted` or `box`".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::made::{frames, scene};
+    use super::*;
+
+    #[test]
+    fn who_asks_for_one_colour_behind_photos_with_alpha_is_told_what_it_hides() {
+        for (channels, background, told) in [
+            (4, Some(Background::White), true),
+            (4, Some(Background::Black), true),
+            (4, Some(Background::Random), false),
+            (4, None, false),
+            (3, Some(Background::White), false),
+        ] {
+            let (scene, data) = scene(frames(channels, |_, _, _| [90, 90, 90, 255]), Vec::new());
+            let run = RunOptions { seed: 0, background, error_budget: None, stop: None, set: Default::default() };
+            let lines = Ground::of(&scene, &data, &run).unwrap().lines;
+            let line = lines.iter().find(|line| line.starts_with("background: ")).unwrap();
+            assert_eq!(line.contains("fog"), told, "{channels} {background:?}: {line}");
+        }
     }
 }

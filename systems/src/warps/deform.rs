@@ -186,7 +186,7 @@ impl Deform {
             planes.smooth(&self.params, &mut self.grad);
         }
         let plane_rate = planes.map(|planes| planes.settings().rate);
-        let lr = lr * self.time.settings().rate;
+        let lr = self.time.settings().rate_after(done, lr);
         let (networks, planes) = self.params.split_at_mut(self.networks);
         let (network_grad, plane_grad) = self.grad.split_at(self.networks);
         let mut bad = self.adam.step(self.simd, lr, networks, network_grad);

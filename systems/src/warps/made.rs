@@ -18,7 +18,7 @@ impl MadeSettings {
     /// Nothing but the time: no part sees it yet.
     pub(crate) fn of_time(kind: TimeKind, octaves: usize, dims: usize) -> Self {
         Self {
-            time: TimeSettings { kind, octaves, dims, width: 8, rate: 1.0, code_rate: 1.0 },
+            time: TimeSettings { kind, octaves, dims, width: 8, rate: 1.0, code_rate: 1.0, warmup: 0.0 },
             warp: WarpSettings { motion: Motion::None, origin: Origin::Free, octaves: 2, anneal: 0.0, depth: 2 },
             ambient: AmbientSettings { dims: 0, octaves: 2, width: 8, depth: 2, from: 0.0, anneal: 0.0 },
             planes: PlaneSettings::NONE,

@@ -38,7 +38,7 @@ pub(crate) const CLAIM: Claim = Claim {
 
 /// Codes of 8 numbers, as for the validation-rig scenes.
 pub(super) const TIME: TimeSettings =
-    TimeSettings { kind: TimeKind::Codes, octaves: 3, dims: 8, width: 64, rate: 0.1, code_rate: 1.0 };
+    TimeSettings { kind: TimeKind::Codes, octaves: 3, dims: 8, width: 64, rate: 0.1, code_rate: 1.0, warmup: 0.0 };
 
 /// 6 octaves as for the validation-rig scenes, which come in over the same share of the run: 80 000 of 250 000 steps.
 pub(super) const WARP: WarpSettings =

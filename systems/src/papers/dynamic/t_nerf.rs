@@ -32,7 +32,7 @@ pub(crate) const CLAIM: Claim = Claim {
 
 /// The time, for minutes of training: 3 octaves instead of 10.
 pub(super) const TIME: TimeSettings =
-    TimeSettings { kind: TimeKind::Time, octaves: 3, dims: 8, width: 64, rate: 0.1, code_rate: 1.0 };
+    TimeSettings { kind: TimeKind::Time, octaves: 3, dims: 8, width: 64, rate: 0.1, code_rate: 1.0, warmup: 0.0 };
 
 /// Planes of place and time, of two sizes; the factor of their variation was found on `workbench` (docs/decisions/0021), that of their
 /// smoothness is about the released one of K-Planes: 0.1 in the mean over their planes of time, where ours is the sum over six.

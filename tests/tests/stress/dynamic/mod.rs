@@ -110,7 +110,7 @@ fn has_part(name: &str, setting: &str) -> bool {
         "time" if setting.starts_with("time_code") || setting.starts_with("time_input") => {
             !has(&["ngp", "k-planes", "two-parts"])
         }
-        "warp" if setting.starts_with("warp_width") || setting.starts_with("warp_lr") => {
+        "warp" if ["warp_width", "warp_lr", "warp_warmup"].iter().any(|s| setting.starts_with(s)) => {
             !has(&["ngp", "k-planes", "two-parts"])
         }
         "warp" => !has(&["ngp", "k-planes", "two-parts", "t-nerf", "nsff", "dynamic-nerf"]),

@@ -14,7 +14,8 @@ const ACCEPTED: [(&str, &str); 12] = [
         "time_octaves=0 time_octaves=1 time_octaves=16 time_input=codes time_input=network time_code_dims=1 time_code_dims=1024
         sees=place sees=point sees=point+sees_octaves=0 sees=point+sees_octaves=16
         time_input=codes+time_code_dims=1 time_input=codes+time_code_dims=1024 time_input=network+time_code_dims=1+warp_width=1
-        time_input=network+time_code_dims=1024 time_code_lr=0.0 time_code_lr=100.0 warp_lr=0.0 warp_lr=100.0",
+        time_input=network+time_code_dims=1024 time_code_lr=0.0 time_code_lr=100.0 warp_lr=0.0 warp_lr=100.0
+        warp_warmup=0.0 warp_warmup=1e-300 warp_warmup=1.0",
     ),
     (
         "d-nerf",
@@ -120,7 +121,7 @@ const REFUSED: &str = "
     elastic_scale=1001.0 elastic_scale=nan coherence=-1.0 coherence=1001.0 coherence=nan coherence=inf coherence_reach=0.0
     coherence_reach=0.26 coherence_reach=nan coherence_scale=0.0 coherence_scale=1001.0 coherence_scale=nan
     background_loss=-1.0 background_loss=1001.0 background_loss=nan background_loss=inf
-    warp_lr=-1.0 warp_lr=101.0 warp_lr=nan warp_lr=inf time_code_lr=-1.0 time_code_lr=101.0 time_code_lr=nan
+    warp_lr=-1.0 warp_lr=101.0 warp_lr=nan warp_lr=inf warp_warmup=-0.1 warp_warmup=1.1 warp_warmup=nan time_code_lr=-1.0 time_code_lr=101.0 time_code_lr=nan
     depth=-1.0 depth=1001.0 depth=nan depth=inf depth_delta=0.0 depth_delta=9e-5 depth_delta=1001.0 depth_delta=nan
     cue_samples=1025 cue_samples=9223372036854775807 cue_samples=-1 cue_spread=-1.0 cue_spread=11.0 cue_spread=nan
     cue_anywhere=-0.1 cue_anywhere=1.1 cue_anywhere=nan refine_share=-0.1 refine_share=1.1 refine_share=nan
