@@ -88,7 +88,7 @@ impl Ground {
         let background = run.background.or(backdrop.as_ref().map(|b| b.background)).unwrap_or(Background::Random);
         lines.push(match (run.background, transparent, backdrop) {
             (Some(b @ (Background::White | Background::Black)), true, _) => format!(
-                "background: {0} (asked for; fog of that colour costs nothing before it: without `--background {0}` each ray has another)",
+                "background: {} (asked for; fog of that colour costs nothing before it, and would before `--background random`)",
                 b.name()
             ),
             (Some(b), ..) => format!("background: {} (asked for)", b.name()),

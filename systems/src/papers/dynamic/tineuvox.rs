@@ -36,7 +36,7 @@ pub(crate) const CLAIM: Claim = Claim {
     take: "to compare; runs of more than a minute or two",
     differs: "The small model, with an occupancy grid and steps from the size of a pixel; density is an exponential \
               (released: softplus), rates of networks are 3 to 4 times as high, held for half of the run (released: they \
-              fall at once), that of the displacement rises at first, octaves that it sees come in over a third of the \
+              fall at once), that of the displacement rises at first, octaves that it sees come in over 30 % of the \
               run, the optimiser goes on where voxels double. No codes of cameras, no background points.",
     mark: "exponential density, own schedule",
 };

@@ -58,8 +58,8 @@ pub(crate) struct TimeSettings {
     /// Learning rate of codes or of the network of the time, a factor of that.
     #[serde(rename = "time_code_lr")]
     pub(crate) code_rate: f64,
-    /// Share of the schedule over which both rates rise to that. Before there is anything to move, gradients are noise, and Adam makes full
-    /// steps of noise, too.
+    /// Share of the schedule over which both rates rise to that. Before there is anything to move, gradients are next to nothing, and Adam
+    /// makes full steps of them, too.
     #[serde(rename = "warp_warmup")]
     pub(crate) warmup: f64,
 }
