@@ -88,7 +88,7 @@ impl Ground {
         let background = run.background.or(backdrop.as_ref().map(|b| b.background)).unwrap_or(Background::Random);
         lines.push(match (run.background, transparent, backdrop) {
             (Some(b @ (Background::White | Background::Black)), true, _) => format!(
-                "background: {} (asked for; fog of that colour costs nothing before it, and would before `--background random`)",
+                "background: {0} (asked for; {0} fog cannot be told from it: with `--background random` it could)",
                 b.name()
             ),
             (Some(b), ..) => format!("background: {} (asked for)", b.name()),

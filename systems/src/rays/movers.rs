@@ -247,6 +247,7 @@ impl RaySystem {
                 None => {
                     let mut part = movers.part(&self.config, self.seed, cells)?;
                     part.features.refine(done);
+                    part.deform.iter_mut().for_each(|deform| deform.begin(done.share));
                     part.begin_as(&*self.field.features, &self.field.density, &self.field.density_params);
                     part
                 }

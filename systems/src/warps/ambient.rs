@@ -2,9 +2,10 @@
 
 use super::at::At;
 use super::network::Network;
-use super::octaves::{Octaves, Window};
+use super::octaves::Octaves;
 use super::parameters::{NetworkShape, Parameters, Stream};
 use super::settings::in_range;
+use super::window::Window;
 use engine::system::SystemError;
 use field_core::encoding::frequency::Identity;
 use field_core::tape::{Node, Tape, TapeError};

@@ -6,7 +6,8 @@ use super::motion::Origin;
 use super::parameters::Parameters;
 use super::points::DeformGrad;
 use super::regularisers::{BackgroundSettings, CoherenceSettings, ElasticSettings};
-use super::time::{Time, TimeSteps};
+use super::time::{Time, TimeSettings, TimeSteps};
+use super::window::Window;
 use engine::system::SystemError;
 use float_core::Simd;
 use optim::{Adam, AdamConfig};
@@ -45,8 +46,9 @@ pub(crate) struct Deform {
     pub(super) grad: Vec<f32>,
     /// The time steps of the training views.
     pub(super) steps: TimeSteps,
-    /// Share of the schedule that is done, from 0 to 1.
+    /// Share of the schedule that is done, from 0 to 1, and what was done of it before the first step.
     pub(super) done: f64,
+    pub(super) began: f64,
     /// `[3][n]`, points of the background in the unit cube.
     pub(super) background_points: Vec<f32>,
     /// Points that were warped, and all of them.
@@ -67,6 +69,7 @@ impl Deform {
             background: BackgroundSettings::NONE,
             steps: TimeSteps::default(),
             done: 0.0,
+            began: 0.0,
             background_points: Vec::new(),
             counts: Counts::default(),
             // Nothing is learned of such a time: see `Warp::new`.
@@ -79,6 +82,11 @@ impl Deform {
         };
         deform.renew();
         deform
+    }
+
+    /// It takes its first step after the share `done` of the schedule.
+    pub(crate) fn begin(&mut self, done: f64) {
+        self.began = done;
     }
 
     /// The same with an elastic loss.
@@ -186,7 +194,8 @@ impl Deform {
             planes.smooth(&self.params, &mut self.grad);
         }
         let plane_rate = planes.map(|planes| planes.settings().rate);
-        let lr = self.time.settings().rate_after(done, lr);
+        let TimeSettings { rate, warmup, .. } = *self.time.settings();
+        let lr = lr * rate * Window::Over { from: self.began, length: warmup }.open(done);
         let (networks, planes) = self.params.split_at_mut(self.networks);
         let (network_grad, plane_grad) = self.grad.split_at(self.networks);
         let mut bad = self.adam.step(self.simd, lr, networks, network_grad);

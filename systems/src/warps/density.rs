@@ -1,9 +1,10 @@
 //! What the density network sees of a point at its time, besides features of the canonical point.
 
 use super::at::At;
-use super::octaves::{Octaves, Window};
+use super::octaves::Octaves;
 use super::parameters::Parameters;
 use super::settings::in_range;
+use super::window::Window;
 use engine::system::SystemError;
 use field_core::encoding::frequency::Identity;
 use field_core::tape::{Node, Tape, TapeError};

@@ -12,7 +12,7 @@
 //!
 //! The equations are those of a paper: a [`Deformation`] records them on the tape. It is wired of parts, each with its settings:
 //!
-//! * `time`: what networks see of the time; `octaves`: what they see of points, coarse to fine; `network`: a network on the tape;
+//! * `time`: what networks see of the time; `octaves`: what they see of points, coarse to fine (`window`); `network`: a network on the tape;
 //! * `motion`: the network that moves points; `ambient`: coordinates beyond space; `planes`: features of place and time;
 //! * `density`: what the density network sees besides;
 //! * `elastic`, `coherence`, `background`: losses (settings in `regularisers`); `curriculum`: which views are drawn first.
@@ -47,6 +47,9 @@ mod state;
 #[cfg(test)]
 mod tests;
 mod time;
+#[cfg(test)]
+mod warmup_tests;
+mod window;
 
 pub(crate) use ambient::{Ambient, AmbientSettings};
 pub(crate) use at::{At, Moved, since_origin};

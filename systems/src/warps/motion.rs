@@ -2,10 +2,11 @@
 
 use super::at::{At, Moves};
 use super::network::Network;
-use super::octaves::{Octaves, Window};
+use super::octaves::Octaves;
 use super::parameters::{NetworkShape, Parameters, Stream};
 use super::settings::{bad, in_range};
 use super::time::{Time, TimeKind};
+use super::window::Window;
 use engine::system::SystemError;
 use field_core::deform;
 use field_core::encoding::frequency::Identity;

@@ -58,8 +58,8 @@ pub(crate) struct TimeSettings {
     /// Learning rate of codes or of the network of the time, a factor of that.
     #[serde(rename = "time_code_lr")]
     pub(crate) code_rate: f64,
-    /// Share of the schedule over which both rates rise to that. Before there is anything to move, gradients are next to nothing, and Adam
-    /// makes full steps of them, too.
+    /// Share of the schedule, from the first step of the deformation on, over which both rates rise to that. Before there is anything to
+    /// move, gradients are next to nothing, and Adam makes full steps of them, too.
     #[serde(rename = "warp_warmup")]
     pub(crate) warmup: f64,
 }
@@ -74,12 +74,6 @@ impl TimeSettings {
         in_range("warp_lr", self.rate, 0.0..=100.0)?;
         in_range("time_code_lr", self.code_rate, 0.0..=100.0)?;
         in_range("warp_warmup", self.warmup, 0.0..=1.0)
-    }
-
-    /// The rate of networks and planes after the share `done` of the schedule, where that of the field is `lr`.
-    pub(crate) fn rate_after(&self, done: f64, lr: f64) -> f64 {
-        let risen = if done < self.warmup { done / self.warmup } else { 1.0 };
-        lr * self.rate * risen
     }
 }
 

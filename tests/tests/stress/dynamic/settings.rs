@@ -66,7 +66,8 @@ const ACCEPTED: [(&str, &str); 12] = [
         "tineuvox",
         "voxels=8 voxels=32+voxels_every=1e-300 voxels_every=0.0 voxels_every=1.0 voxel_variation=0.0
         voxel_variation=100.0 features=1 features=8
-        time_code_dims=1 time_code_dims=1024 sees_octaves=0 sees_octaves=16 warp_octaves=0 warp_octaves=16 sees=place",
+        time_code_dims=1 time_code_dims=1024 sees_octaves=0 sees_octaves=16 warp_octaves=0 warp_octaves=16 sees=place
+        warp_warmup=0.0 warp_warmup=1.0 warp_warmup=1.0+warp_lr=100.0",
     ),
     (
         "k-planes",
