@@ -1,12 +1,12 @@
-//! How far the nearest neighbours of each point are: exact, by a balanced k-d tree.
+//! The nearest neighbours of points: exact, by a balanced k-d tree.
 //!
 //! Every node is the median of its range along the widest axis, so the tree is as deep with many points at one place as
 //! without (where buckets of a fixed size are split by value, they overflow).
 
 use rayon::prelude::*;
 
-/// Neighbours that tell how large a Gaussian starts.
-const NEIGHBOURS: usize = 3;
+/// Neighbours that are found: those that tell how large a Gaussian starts.
+pub const NEIGHBOURS: usize = 3;
 /// Points of a range that is searched one by one.
 const LEAF: usize = 8;
 /// Ranges above this are built by two threads.
@@ -20,6 +20,41 @@ struct Node {
     axis: u8,
 }
 
+/// A point that is near another one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Neighbour {
+    /// Squared distance.
+    pub squared: f64,
+    /// Its number.
+    pub index: u32,
+}
+
+const NOBODY: Neighbour = Neighbour { squared: f64::INFINITY, index: u32::MAX };
+
+/// Points, to be asked for those that are nearest to a place.
+#[derive(Clone)]
+pub struct Neighbours {
+    nodes: Vec<Node>,
+}
+
+impl Neighbours {
+    /// Of some points.
+    #[must_use]
+    pub fn new(points: &[[f64; 3]]) -> Self {
+        let node = |(i, &x): (usize, &[f64; 3])| Node { x, id: i as u32, axis: 0 };
+        let mut nodes: Vec<Node> = points.iter().enumerate().map(node).collect();
+        build(&mut nodes);
+        Self { nodes }
+    }
+
+    /// The nearest points to `x`, the nearest first; as many as there are, at most [`NEIGHBOURS`].
+    pub fn nearest(&self, x: &[f64; 3]) -> impl Iterator<Item = Neighbour> + use<> {
+        let mut best = [NOBODY; NEIGHBOURS];
+        search(&self.nodes, x, u32::MAX, &mut best);
+        best.into_iter().filter(|neighbour| neighbour.index != u32::MAX)
+    }
+}
+
 /// Mean **squared** distance of each point to the three nearest others, or to all others where there are fewer; 0 for a point
 /// alone. The same bits with any number of threads.
 ///
@@ -27,13 +62,11 @@ struct Node {
 /// Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023, released code.
 pub fn mean_squared_distances(points: &[[f64; 3]]) -> Vec<f64> {
     let others = NEIGHBOURS.min(points.len().saturating_sub(1));
-    let node = |(i, &x): (usize, &[f64; 3])| Node { x, id: i as u32, axis: 0 };
-    let mut nodes: Vec<Node> = points.iter().enumerate().map(node).collect();
-    build(&mut nodes);
+    let Neighbours { nodes } = Neighbours::new(points);
     let of = |(i, x): (usize, &[f64; 3])| {
-        let mut best = [f64::INFINITY; NEIGHBOURS];
+        let mut best = [NOBODY; NEIGHBOURS];
         search(&nodes, x, i as u32, &mut best);
-        best[..others].iter().sum::<f64>() / others.max(1) as f64
+        best[..others].iter().map(|neighbour| neighbour.squared).sum::<f64>() / others.max(1) as f64
     };
     points.par_iter().enumerate().map(of).collect()
 }
@@ -64,8 +97,8 @@ fn build(nodes: &mut [Node]) {
     }
 }
 
-/// Put the smallest squared distances from `x` to nodes other than `id` into `best`, ascending.
-fn search(nodes: &[Node], x: &[f64; 3], id: u32, best: &mut [f64; NEIGHBOURS]) {
+/// Put the nodes other than `id` that are nearest to `x` into `best`, ascending.
+fn search(nodes: &[Node], x: &[f64; 3], id: u32, best: &mut [Neighbour; NEIGHBOURS]) {
     if nodes.len() <= LEAF {
         nodes.iter().for_each(|node| offer(node, x, id, best));
         return;
@@ -78,19 +111,20 @@ fn search(nodes: &[Node], x: &[f64; 3], id: u32, best: &mut [f64; NEIGHBOURS]) {
     let (near, far) = if off < 0.0 { (low, &rest[1..]) } else { (&rest[1..], low) };
     search(near, x, id, best);
     // Rounding is monotonic: nothing on the far side computes to less.
-    if off * off < best[NEIGHBOURS - 1] {
+    if off * off < best[NEIGHBOURS - 1].squared {
         search(far, x, id, best);
     }
 }
 
-fn offer(node: &Node, x: &[f64; 3], id: u32, best: &mut [f64; NEIGHBOURS]) {
+fn offer(node: &Node, x: &[f64; 3], id: u32, best: &mut [Neighbour; NEIGHBOURS]) {
     if node.id == id {
         return;
     }
-    let mut d: f64 = (0..3).map(|a| (node.x[a] - x[a]) * (node.x[a] - x[a])).sum();
+    let squared = (0..3).map(|a| (node.x[a] - x[a]) * (node.x[a] - x[a])).sum();
+    let mut offered = Neighbour { squared, index: node.id };
     for best in best {
-        if d < *best {
-            core::mem::swap(&mut d, best);
+        if offered.squared < best.squared {
+            core::mem::swap(&mut offered, best);
         }
     }
 }
@@ -132,6 +166,24 @@ mod tests {
             }
             prop_assert_eq!(mean_squared_distances(&points), naive(&points));
         }
+    }
+
+    #[test]
+    fn the_nearest_of_a_place_are_those_of_a_search_one_by_one() {
+        let u = field_core::rng::Rng::new(4, 0);
+        let at = |i: u64| u.uniform4_at(i).map(f64::from);
+        let points: Vec<[f64; 3]> = (0..500).map(|i| [at(i)[0], at(i)[1], at(i)[2]]).collect();
+        let tree = Neighbours::new(&points);
+        for k in 1000..1040 {
+            let x = [at(k)[0], at(k)[1], at(k)[2]];
+            let mut all: Vec<(f64, u32)> =
+                (0..).zip(&points).map(|(i, p)| ((0..3).map(|a| (p[a] - x[a]) * (p[a] - x[a])).sum(), i)).collect();
+            all.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let found: Vec<(f64, u32)> = tree.nearest(&x).map(|found| (found.squared, found.index)).collect();
+            assert_eq!(found, all[..NEIGHBOURS]);
+        }
+        let of = |n: usize| Neighbours::new(&points[..n]).nearest(&[0.5; 3]).count();
+        assert_eq!([of(0), of(1), of(2), of(3)], [0, 1, 2, 3]);
     }
 
     #[test]

@@ -143,7 +143,7 @@ fn push_pictures(system: &dyn System, camera: &Camera, bytes: &mut Vec<u8>) {
         layers.rgb.iter().chain(&layers.normal).flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
         layers.canonical.iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
     }
-    system.splats().iter().for_each(|splats| push_cloud(&splats.gaussians, bytes));
+    system.splats(&plain_query([0.0; 3], 0.0)).iter().for_each(|splats| push_cloud(&splats.gaussians, bytes));
 }
 
 fn push_cloud(cloud: &Gaussians, bytes: &mut Vec<u8>) {

@@ -11,7 +11,8 @@ use systems::bake::{BakeOptions, bake, load, store};
 /// The cloud of a run at a time; `None` where a stop was asked for. A baked one is kept in the run folder, where the viewer finds
 /// it.
 pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Option<Splats>, Failure> {
-    if let Some(splats) = run.system.splats() {
+    let query = Query { time, ..run.query() };
+    if let Some(splats) = run.system.splats(&query) {
         return Ok(Some(splats));
     }
     let is_still = run.train.time_steps() <= 1;
@@ -20,7 +21,6 @@ pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Option
         Some(baked) => baked,
         None => {
             show.event(Event::Note("baking the field into Gaussians"));
-            let query = Query { time, ..run.query() };
             let made = bake(run.system.as_ref(), &run.train, &query, &BakeOptions::DEFAULT, &|| !show.stop_asked())?;
             let Some(baked) = made else { return Ok(None) };
             if is_still && let Err(e) = store(&Disk, &run.folder, run.step, &baked) {

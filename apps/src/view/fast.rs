@@ -88,17 +88,17 @@ impl Fast {
     pub(crate) fn start(source: Source, before: Option<&Self>, tell: Arc<Tell>) -> Arc<Self> {
         let old = before.map(|fast| fast.lock().ready.clone()).unwrap_or_default();
         let ready = old.into_iter().map(|ready| Ready { is_new: false, ..ready }).collect();
-        let own = source.system.splats();
+        let is_its_own = source.system.is_cloud();
         let fast = Arc::new(Self {
-            is_its_own: own.is_some(),
+            is_its_own,
             source,
             tell,
             state: Mutex::new(State { ready, ..State::default() }),
             bell: Condvar::new(),
         });
-        if let Some(splats) = own {
+        if is_its_own {
             // Its own cloud: cropped it is drawn from here.
-            fast.add(Key::FIRST, Baked { splats, psnr: None });
+            fast.add_own(&plain_query(fast.source.background, 1.0 / 255.0));
             return fast;
         }
         let weak = Arc::downgrade(&fast);
@@ -111,6 +111,9 @@ impl Fast {
     /// The cloud for a picture; where there is none it is wanted from now on.
     pub(crate) fn cloud(&self, query: &Query) -> Option<Arc<Cropped>> {
         let key = self.key(query);
+        if self.is_its_own && !self.lock().ready.iter().any(|ready| ready.key == key) {
+            self.add_own(query);
+        }
         let mut state = self.lock();
         let found = state.ready.iter().find(|ready| ready.key == key).cloned();
         if found.as_ref().is_none_or(|ready| !ready.is_new) && !state.failed.contains(&key) {
@@ -162,6 +165,13 @@ impl Fast {
 
     fn say(&self, message: serde_json::Value) {
         (self.tell)(&message.to_string());
+    }
+
+    /// What the system itself is at the time of a picture.
+    fn add_own(&self, query: &Query) {
+        if let Some(splats) = self.source.system.splats(query) {
+            self.add(self.key(query), Baked { splats, psnr: None });
+        }
     }
 
     fn add(&self, key: Key, baked: Baked) {

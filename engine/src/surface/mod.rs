@@ -38,7 +38,7 @@ pub fn points(
     count: usize,
     observer: &mut dyn Observer,
 ) -> PointCloud {
-    if let Some(splats) = system.splats() {
+    if let Some(splats) = system.splats(query) {
         return centres(&splats, crop, count);
     }
     let query =
@@ -140,7 +140,7 @@ pub fn mesh(
     time: f64,
     observer: &mut dyn Observer,
 ) -> Result<Mesh, RunError> {
-    if system.splats().is_some() {
+    if system.is_cloud() {
         let problem = "`--method density`: Gaussians have no density to cut at: use `--method tsdf`";
         return Err(RunError::Option(problem.into()));
     }

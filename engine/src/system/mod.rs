@@ -90,8 +90,13 @@ pub trait System: Send + Sync {
         None
     }
 
-    /// The cloud of Gaussians that the scene is, in its frame and unit; `None` for a system of another kind.
-    fn splats(&self) -> Option<Splats> {
+    /// Whether the scene is a cloud of Gaussians: [`System::splats`] gives it.
+    fn is_cloud(&self) -> bool {
+        false
+    }
+
+    /// The cloud of Gaussians that the scene is at the time of `query`, in its frame and unit; `None` for a system of another kind.
+    fn splats(&self, _query: &Query) -> Option<Splats> {
         None
     }
 

@@ -75,7 +75,7 @@ pub fn bake(
     options: &BakeOptions,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Option<Baked>, RunError> {
-    if let Some(splats) = system.splats() {
+    if let Some(splats) = system.splats(query) {
         return Ok(Some(Baked { splats, psnr: None }));
     }
     let Some(pictures) = pictures(system, data, query, options.rays, go_on) else { return Ok(None) };

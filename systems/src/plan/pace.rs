@@ -22,6 +22,10 @@ const STEP_PER_GAUSSIAN: f64 = 1.2e-7;
 const GAUSSIANS_PER_STEP: f64 = 80.0;
 const PIXELS_PER_GAUSSIAN: f64 = 50.0;
 const GAUSSIANS: [f64; 2] = [100_000.0, 600_000.0];
+/// The same of Gaussians that move: networks are asked for each of them in each step.
+const STEP_PER_MOVING: f64 = 1.0e-6;
+const MOVING_PER_STEP: f64 = 2.0;
+const MOVING: [f64; 2] = [10_000.0, 40_000.0];
 /// A field before a cloud has this share of the seconds, or of the steps, of a run; seconds of a step of it on two cores, roughly.
 const FIELD_SHARE: [f64; 2] = [0.05, 0.1];
 const FIELD_STEP: f64 = 0.03;
@@ -42,6 +46,10 @@ pub(crate) struct CloudPace {
     /// Pixels of a photo, on average; and those that show something.
     pub(crate) pixels: u64,
     shown: f64,
+    /// Seconds of a step for each Gaussian; how many more of them there may be for each step; the least and the most.
+    per_gaussian: f64,
+    per_step: f64,
+    gaussians: [f64; 2],
 }
 
 impl CloudPace {
@@ -57,7 +65,19 @@ impl CloudPace {
             let shown = image.data.chunks_exact(image.channels.into()).filter(|pixel| shows(pixel)).count();
             share += shown as f64 / (f64::from(image.width) * f64::from(image.height)).max(1.0);
         }
-        Ok(Self { photos: data.len() as f64, pixels, shown: share / count.max(1) as f64 * pixels as f64 })
+        Ok(Self {
+            photos: data.len() as f64,
+            pixels,
+            shown: share / count.max(1) as f64 * pixels as f64,
+            per_gaussian: STEP_PER_GAUSSIAN,
+            per_step: GAUSSIANS_PER_STEP,
+            gaussians: GAUSSIANS,
+        })
+    }
+
+    /// The same of a cloud that moves.
+    pub(crate) fn moving(self) -> Self {
+        Self { per_gaussian: STEP_PER_MOVING, per_step: MOVING_PER_STEP, gaussians: MOVING, ..self }
     }
 
     /// By how many halvings pictures begin smaller.
@@ -77,8 +97,8 @@ impl CloudPace {
 
     /// The limit on Gaussians for a training of `steps` steps.
     pub(crate) fn gaussians(&self, steps: f64) -> usize {
-        let [least, most] = GAUSSIANS;
-        (GAUSSIANS_PER_STEP * steps).min(self.photos * self.shown / PIXELS_PER_GAUSSIAN).clamp(least, most) as usize
+        let [least, most] = self.gaussians;
+        (self.per_step * steps).min(self.photos * self.shown / PIXELS_PER_GAUSSIAN).clamp(least, most) as usize
     }
 
     /// Share of the time of a schedule of `horizon` steps until equally spaced positions, from 0 to 1: `halvings` is by how many a step's
@@ -94,7 +114,7 @@ impl CloudPace {
             .map(|k| {
                 let step = ((k as f64 + 0.5) / f64::from(TIME_PARTS) * horizon as f64) as u64;
                 let pixels = self.shown * 0.25_f64.powf(f64::from(halvings(step)));
-                sum += STEP + STEP_PER_PIXEL * pixels + STEP_PER_GAUSSIAN * gaussians(step);
+                sum += STEP + STEP_PER_PIXEL * pixels + self.per_gaussian * gaussians(step);
                 sum
             })
             .collect();
@@ -106,7 +126,7 @@ impl CloudPace {
         let (share, halvings) = (self.coarse_share(), self.halvings());
         let smaller: f64 = (1..=halvings).map(|h| share / f64::from(4_u32.pow(h))).sum();
         let size = smaller + 1.0 - share * f64::from(halvings);
-        STEP + STEP_PER_PIXEL * size * self.shown + STEP_PER_GAUSSIAN * gaussians as f64
+        STEP + STEP_PER_PIXEL * size * self.shown + self.per_gaussian * gaussians as f64
     }
 
     /// Steps of a field until a stop, roughly where it is given in seconds; `None` where no stop is known.
@@ -204,7 +224,14 @@ mod tests {
 
     /// A hundred photos of `pixels` pixels each, without transparent ones.
     fn of(pixels: u64) -> CloudPace {
-        CloudPace { photos: 100.0, pixels, shown: pixels as f64 }
+        CloudPace {
+            photos: 100.0,
+            pixels,
+            shown: pixels as f64,
+            per_gaussian: STEP_PER_GAUSSIAN,
+            per_step: GAUSSIANS_PER_STEP,
+            gaussians: GAUSSIANS,
+        }
     }
 
     #[test]

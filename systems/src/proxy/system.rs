@@ -7,7 +7,8 @@ use crate::views::start::Place;
 use crate::views::{Views, first_of, positive, unless};
 use engine::data::Dataset;
 use engine::system::{
-    Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts, u64_tensor,
+    FlowSource, Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts,
+    u64_tensor,
 };
 use rayon::prelude::*;
 use render_core::camera::Camera;
@@ -212,8 +213,24 @@ impl System for Proxied {
         self.shown().rays_per_side()
     }
 
-    fn splats(&self) -> Option<Splats> {
-        self.current().splats()
+    fn is_cloud(&self) -> bool {
+        self.current().is_cloud()
+    }
+
+    fn splats(&self, query: &Query) -> Option<Splats> {
+        self.current().splats(query)
+    }
+
+    fn canonical(&self, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
+        self.shown().canonical(points, time, out);
+    }
+
+    fn flow_source(&self) -> FlowSource {
+        self.shown().flow_source()
+    }
+
+    fn scene_flow(&self, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
+        self.shown().scene_flow(points, from, to, out);
     }
 
     fn density(&self, points: &[[f64; 3]], time: f64, out: &mut [f32]) {
@@ -303,7 +320,8 @@ mod tests {
             assert!(field.step(&data, step).unwrap().loss.is_finite());
         }
         random.step(&data, 0).unwrap();
-        let [planned, begun] = [random, field].map(|system| system.splats().unwrap().gaussians);
+        let query = engine::render::plain_query([0.0; 3], 0.0);
+        let [planned, begun] = [random, field].map(|system| system.splats(&query).unwrap().gaussians);
         assert_eq!((planned.len(), &planned.mean), (50, &begun.mean));
     }
 }

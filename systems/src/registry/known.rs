@@ -5,7 +5,7 @@ use crate::claims::Claim;
 use crate::papers::dynamic::{
     d_nerf, d_nerf_published, dynamic_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, nsff, t_nerf, tineuvox, two_parts,
 };
-use crate::papers::gaussians::splat;
+use crate::papers::gaussians::{four_d_gaussians, splat};
 use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
 use crate::papers::wild::{
     AppearanceKind as A, OccluderKind as O, auto, build as parts, combined, ha_nerf, hugs, nerf_w, robust_nerf, sf_nerf,
@@ -59,4 +59,5 @@ pub(super) const ENTRIES: &[Entry] = &[
     moving(endo_nerf::CLAIM, endo_nerf::build),
     moving(nsff::CLAIM, nsff::build),
     moving(dynamic_nerf::CLAIM, dynamic_nerf::build),
+    moving(four_d_gaussians::CLAIM, four_d_gaussians::build),
 ];

@@ -39,7 +39,7 @@ const BACKGROUNDS: u64 = 0x6261_636b;
 const SETTLE: u64 = 75;
 const SETTLE_SHARE: f64 = 0.75;
 /// Timed besides the parts of the pass.
-pub(super) const OWN: [&str; 2] = ["optimiser", "density control"];
+pub(super) const OWN: [&str; 3] = ["optimiser", "density control", "motion"];
 
 /// What a system of Gaussians is made of.
 pub(crate) struct ViewParts {
@@ -230,7 +230,9 @@ impl Views {
         // Gradients beside the clouds they are of.
         let mut gradients: Vec<CloudParameters> =
             clouds.iter_mut().map(|cloud| std::mem::take(&mut cloud.gradient)).collect();
+        let clock = Instant::now();
         let mut moved = motion.as_deref().map(|motion| at_time(motion, clouds, shown.time));
+        self.seconds[PARTS.len() + 2] += clock.elapsed().as_secs_f64();
         if let Some(smoothing) = &mut self.smoothing {
             smoothing.apply(self.simd, of_picture(clouds, &mut moved)).map_err(refused)?;
         }
@@ -267,11 +269,13 @@ impl Views {
         let outcome = self.compare(step, view, shown, None)?;
         let position = self.position.of(step);
         let ViewParts { clouds, appearance, motion, .. } = &mut self.parts;
+        let clock = Instant::now();
         if let Some(motion) = motion {
             for (index, cloud) in clouds.iter_mut().enumerate() {
                 motion.pull_back(shown.time, index, &cloud.parameters, &mut cloud.gradient);
             }
         }
+        self.seconds[PARTS.len() + 2] += clock.elapsed().as_secs_f64();
         let clock = Instant::now();
         let all: usize = clouds.iter().map(|cloud| cloud.parameters.len()).sum();
         let mut skipped = Skipped::default();
@@ -285,8 +289,8 @@ impl Views {
             bad += cloud.learn(self.simd, position);
         }
         skipped.count(all, seen, &outcome.drawn);
-        bad += appearance.as_deref_mut().map_or(0, |part| part.step(self.simd, step));
-        bad += motion.as_deref_mut().map_or(0, |part| part.step(self.simd, step));
+        bad += appearance.as_deref_mut().map_or(0, |part| part.step(self.simd, position));
+        bad += motion.as_deref_mut().map_or(0, |part| part.step(self.simd, position));
         self.note(&skipped);
         self.guard.record(bad)?;
         self.seconds[PARTS.len()] += clock.elapsed().as_secs_f64();

@@ -71,6 +71,7 @@ mod tests {
     use crate::plan::made;
     use crate::registry::build;
     use engine::options::RunOptions;
+    use engine::render::plain_query;
     use scene_io::{Point, Scene};
 
     /// A place before a camera that points are seen through: halfway to one that it shows.
@@ -123,7 +124,7 @@ mod tests {
             for step in 0..every {
                 system.step(&data, step).unwrap();
             }
-            let splats = system.splats().unwrap().gaussians;
+            let splats = system.splats(&plain_query([0.0; 3], 0.0)).unwrap().gaussians;
             assert_eq!(free.without_floaters(&splats, &CloudFrame::WORLD).unwrap().is_some(), floats);
         }
     }

@@ -8,7 +8,8 @@ use splat_core::ProjectedGaussian;
 
 /// Parameters of a part, besides those of the clouds.
 pub(crate) trait Learns: Send + Sync {
-    /// A step of its optimiser, counted from 0, with the gradients since the last one. Returns how many entries were not finite.
+    /// A step of its optimiser, that of the schedule and counted from 0, with the gradients since the last one. Returns how many
+    /// entries were not finite.
     fn step(&mut self, simd: Simd, step: u64) -> usize;
 
     /// What its next step depends on.

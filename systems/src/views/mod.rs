@@ -7,7 +7,7 @@
 //! | nothing is drawn smaller than what photos show | `smoothing` |
 //! | photos without distortion, and how much their pixels count | `photo`, `undistortion`, `weights` |
 //! | what a picture costs | `terms` |
-//! | appearance of photos, and time | `hooks` |
+//! | appearance of photos, and time; where points go | `hooks`, `flow` |
 //! | where a training is in its schedule | the room `schedule` |
 //! | pictures: drawn for a step, and rendered | `drawing`, `planes`, `pass`, `render` |
 //!
@@ -32,6 +32,7 @@ mod density_config;
 mod density_control;
 mod drawing;
 mod driver;
+mod flow;
 mod free_space;
 #[cfg(test)]
 mod gradient_tests;
@@ -59,6 +60,7 @@ mod visual_hull;
 mod weights;
 
 pub(crate) use cloud::{CloudTraining, TrainedCloud};
+pub(crate) use cloud_parameters::CloudParameters;
 pub(crate) use config::{
     CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, WideningKind, first_of, positive, unless,
 };
@@ -67,6 +69,7 @@ pub(crate) use density_config::{
 };
 pub(crate) use drawing::DrawnCloud;
 pub(crate) use driver::{ViewParts, Views, refused};
+pub(crate) use hooks::{CloudMotion, Learns};
 pub(crate) use pass::ViewSpaceGradient;
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
 pub(crate) use terms::{L1Dssim, L1DssimConfig};

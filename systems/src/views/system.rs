@@ -9,7 +9,8 @@ use super::render::{RAY_RADIUS, one_pixel};
 use crate::schedule::Position;
 use engine::data::Dataset;
 use engine::system::{
-    Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts, u64_tensor,
+    Canonical, FlowSource, Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap,
+    take_counts, u64_tensor,
 };
 use glam::DVec3;
 use optim::NonFiniteGuard;
@@ -21,6 +22,8 @@ use std::borrow::Cow;
 
 /// Logit of an opacity that no picture shows.
 const TRANSPARENT: f32 = -30.0;
+/// Bytes of a parameter of other parts: itself, its gradient, two moments.
+const LEARNT_BYTES: usize = 4 * size_of::<f32>();
 /// Name of the counters in checkpoints.
 const COUNTERS: &str = "splats.steps";
 /// Name of the position in the schedule in checkpoints.
@@ -31,8 +34,12 @@ impl Views {
     fn picture(&self, clouds: &Clouds<'_>, camera: &Camera, query: &Query) -> Layers {
         let drawn = self.drawn(clouds);
         match self.renderer(&drawn, query).layers(camera, query, &self.buffers) {
-            Ok((layers, skipped)) => {
+            Ok((mut layers, skipped)) => {
                 self.note(&skipped);
+                if query.layers.canonical == Canonical::Compute {
+                    let seen = layers.canonical.clone();
+                    self.canonical_points(&seen, query.time, &mut layers.canonical);
+                }
                 layers
             }
             Err(_) => Layers::nothing(camera.width as usize * camera.height as usize, query),
@@ -99,13 +106,29 @@ impl System for Views {
         out
     }
 
-    fn splats(&self) -> Option<Splats> {
-        let drawn = self.filtered(self.parts.clouds.iter().map(|cloud| Cow::Borrowed(&cloud.parameters)).collect());
+    fn is_cloud(&self) -> bool {
+        true
+    }
+
+    fn splats(&self, query: &Query) -> Option<Splats> {
+        let drawn = self.clouds_at(query.time);
         let mut gaussians = joined(&drawn.iter().map(|cloud| &cloud.gaussians).collect::<Vec<_>>());
         self.parts.frame.cloud_to_world(&mut gaussians);
         let raster = self.parts.pictures.raster();
         let near = (f64::from(raster.near) * self.parts.frame.scale) as f32;
         Some(Splats { gaussians, rules: raster.with_near(near) })
+    }
+
+    fn canonical(&self, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
+        self.canonical_points(points, time, out);
+    }
+
+    fn flow_source(&self) -> FlowSource {
+        if self.parts.motion.is_some() { FlowSource::Canonical } else { FlowSource::Nothing }
+    }
+
+    fn scene_flow(&self, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
+        self.flow_of_points(points, from, to, out);
     }
 
     fn density(&self, _points: &[[f64; 3]], _time: f64, out: &mut [f32]) {
@@ -173,7 +196,9 @@ impl System for Views {
         let finds = self.parts.clouds.iter().any(|cloud| cloud.training.density.schedule.free_space);
         let free_space = if finds { free_space::BYTES } else { 0 };
         let clouds: usize = self.parts.clouds.iter().map(|cloud| cloud.bytes(cloud.parameters.len())).sum();
-        clouds + self.sizes.bytes() + free_space
+        let appearance = self.parts.appearance.as_ref().map_or(0, |part| part.parameter_count());
+        let motion = self.parts.motion.as_ref().map_or(0, |part| part.parameter_count());
+        clouds + (appearance + motion) * LEARNT_BYTES + self.sizes.bytes() + free_space
     }
 
     fn growth_bytes(&self) -> usize {

@@ -235,7 +235,7 @@ fn both_clouds_are_in_pictures_and_in_what_is_exported() {
     let opacity =
         |system: &Views| -> f32 { system.render_view(&data.view(0).camera, &query).unwrap().opacity.iter().sum() };
     assert!(opacity(&both) > 1.05 * opacity(&one));
-    assert_eq!(both.splats().unwrap().gaussians.len(), 30);
+    assert_eq!(both.splats(&query).unwrap().gaussians.len(), 30);
     assert_eq!(both.parameter_count(), 20 * (23 + 2) + 10 * 23);
 }
 

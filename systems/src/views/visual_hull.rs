@@ -11,12 +11,16 @@ use std::sync::Arc;
 const PHOTOS: usize = 64;
 /// A photo rules a place out where it is more transparent than this.
 const TRANSPARENT: u8 = 32;
+/// Where photos are of many times, a place that at least this share of them shows something at may hold something.
+const SHOWN: f32 = 0.1;
 /// Nothing is known of a place that fewer photos see.
 const FEWEST: usize = 2;
 
 /// The visual hull of some photos.
 pub(crate) struct VisualHull {
     photos: Vec<(Prepared, Arc<Image>)>,
+    /// The share of those that have a place in the picture which must show something there.
+    shown: f32,
 }
 
 impl VisualHull {
@@ -27,13 +31,18 @@ impl VisualHull {
             let i = k * data.len() / count;
             Ok((data.view(i).camera.prepare(), data.image(i)?))
         });
-        Ok(Self { photos: photos.collect::<Result<_, SceneError>>()? })
+        Ok(Self { photos: photos.collect::<Result<_, SceneError>>()?, shown: 1.0 })
     }
 
-    /// Mean colour of a place of the scene's frame over the photos that have it in the picture; `None` where one of them shows
-    /// that nothing is there, or hardly any has it. Grey where there are no photos.
+    /// The same of photos of many times: what one sees through may hold something in another.
+    pub(crate) fn of_many_times(data: &Dataset) -> Result<Self, SceneError> {
+        Ok(Self { shown: SHOWN, ..Self::new(data)? })
+    }
+
+    /// Mean colour of a place of the scene's frame over the photos that show something there; `None` where too many of them, or one of
+    /// photos of a single time, show that nothing is there, or hardly any has it in the picture. Grey where there are no photos.
     pub(crate) fn colour_at(&self, x: DVec3) -> Option<[f32; 3]> {
-        let (mut sum, mut count) = ([0.0_f32; 3], 0);
+        let (mut sum, mut count, mut nothing) = ([0.0_f32; 3], 0, 0);
         for (camera, image) in &self.photos {
             let Some(at) = camera.project(x) else { continue };
             if !(at.x >= 0.0 && at.y >= 0.0) {
@@ -45,7 +54,11 @@ impl VisualHull {
             }
             let p = image.pixel(column, row);
             if p.len() == 4 && p[3] < TRANSPARENT {
-                return None;
+                if self.shown == 1.0 {
+                    return None;
+                }
+                nothing += 1;
+                continue;
             }
             for (sum, &c) in sum.iter_mut().zip(p) {
                 *sum += f32::from(c) / 255.0;
@@ -55,6 +68,7 @@ impl VisualHull {
         if self.photos.is_empty() {
             return Some([0.5; 3]);
         }
-        (count >= FEWEST.min(self.photos.len())).then(|| sum.map(|c| c / count as f32))
+        let enough = count >= FEWEST.min(self.photos.len()) && count as f32 >= self.shown * (count + nothing) as f32;
+        enough.then(|| sum.map(|c| c / count as f32))
     }
 }

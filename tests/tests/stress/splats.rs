@@ -36,7 +36,7 @@ fn build(scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box<dyn System>
 
 /// Every number of the exported cloud is finite, and there are no more Gaussians than are allowed.
 fn exports(system: &dyn System, max: usize) -> Verdict {
-    let splats = system.splats().ok_or("nothing to export")?.gaussians;
+    let splats = system.splats(&engine::render::plain_query([0.0; 3], 0.5)).ok_or("nothing to export")?.gaussians;
     for (field, numbers) in splats.fields() {
         finite(field.name(), numbers)?;
     }

@@ -1,6 +1,7 @@
 //! Clouds that begin where a field sees surfaces: the same bits with any number of threads and after a resume in any stage, and
 //! better pictures than from random places.
 
+use engine::render::plain_query;
 use engine::system::TensorMap;
 use std::ops::Range;
 use tests::{assert_same_bits, psnr, state_after, state_of, system, table, views};
@@ -62,7 +63,7 @@ fn the_field_finds_what_random_places_do_not() {
     // A hundred steps bring colours and no new places. After them the cloud is shown instead of the field.
     let random = psnr(&*trained(&[&common[..], &["start=\"random\""]].concat(), 100), &test);
     let field = trained(&[&common[..], &["start=\"field\"", "field_steps=150", "refill=0.0"]].concat(), 250);
-    let seeds = field.splats().map_or(0, |s| s.gaussians.len());
+    let seeds = field.splats(&plain_query([0.0; 3], 0.0)).map_or(0, |s| s.gaussians.len());
     let with_field = psnr(&*field, &test);
     println!("random {random:.2} dB, field {with_field:.2} dB with {seeds} Gaussians");
     assert!(seeds == 2000 && with_field > random + 0.2, "{with_field} {random} {seeds}");

@@ -1,6 +1,7 @@
 //! Trainings of `splat`: the same bits however they are cut and on any number of threads, and through lenses that bend light.
 
 use engine::data::Dataset;
+use engine::render::plain_query;
 use engine::system::{TensorData, TensorMap};
 use render_core::camera::Lens;
 use scene_io::synthetic::{Tabletop, TabletopOptions, tabletop};
@@ -198,7 +199,7 @@ fn photos_that_masks_leave_nothing_of_are_counted_and_teach_nothing() {
 
 /// The numbers of the cloud alone.
 fn numbers_of(splat: &dyn engine::system::System) -> Vec<u32> {
-    let cloud = splat.splats().expect("a cloud").gaussians;
+    let cloud = splat.splats(&plain_query([0.0; 3], 0.0)).expect("a cloud").gaussians;
     cloud.fields().iter().flat_map(|(_, x)| x.iter().map(|x| x.to_bits())).collect()
 }
 

@@ -55,7 +55,7 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     if !crop.keeps_everything() && args.crop.is_empty() {
         line(format_args!("cropped by `{}`; `--no-crop` exports everything", Crop::path_of(&args.run).display()));
     }
-    let part = subject.part(&crop)?;
+    let part = subject.part(&crop, args.time)?;
     show.listen()?;
     let mut job = Job { args, subject, crop, part, show, views: None };
     let done = match job.all() {

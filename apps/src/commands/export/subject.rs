@@ -50,7 +50,7 @@ impl Subject {
     /// Whether it is a cloud of Gaussians, with opacity on pictures and no density.
     pub(super) fn is_cloud(&self) -> bool {
         match self {
-            Self::Run(run) => run.system.splats().is_some(),
+            Self::Run(run) => run.system.is_cloud(),
             Self::File { .. } => true,
         }
     }
@@ -69,13 +69,13 @@ impl Subject {
         }
     }
 
-    /// What a crop leaves of a cloud of Gaussians; `None` where that is everything, and for fields.
-    pub(super) fn part(&self, crop: &Crop) -> Result<Option<Cloud>, RunError> {
+    /// What a crop leaves of a cloud of Gaussians at a time; `None` where that is everything, and for fields.
+    pub(super) fn part(&self, crop: &Crop, time: f64) -> Result<Option<Cloud>, RunError> {
         if crop.keeps_everything() {
             return Ok(None);
         }
         let splats = match self {
-            Self::Run(run) => run.system.splats().map(Cloud::exact),
+            Self::Run(run) => run.system.splats(&Query { time, ..run.query() }).map(Cloud::exact),
             Self::File { cloud, .. } => Some(cloud.part(|_| true)),
         };
         Ok(splats.map(|cloud| {

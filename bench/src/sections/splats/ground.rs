@@ -36,7 +36,7 @@ impl Ground {
     /// The cloud that a training of the subject would begin with, in the scene's frame.
     pub(super) fn new(bench: &Bench, subject: &Subject) -> Result<Self, BenchError> {
         let (run, _, _folder) = begin(job(bench, subject, Schedule::new(Stop::Steps(0))))?;
-        let Some(splats) = run.system.splats() else {
+        let Some(splats) = run.system.splats(&run.query()) else {
             return Err(BenchError::Part(format!("`{}` is not a system of Gaussians", run.system.name())));
         };
         let n = run.train.len();

@@ -214,7 +214,7 @@ fn train<'a>(
     let frames = frames_per_second(bench, &trained);
     let memory = resident_bytes().filter(|_| measured).map(|r| r.peak as f64 * 1e-6);
     let made: &dyn System = trained.run.system.as_ref();
-    let splats = made.splats();
+    let splats = made.splats(&trained.run.query());
     let files = splats.as_ref().map(files).transpose()?;
     found.quality.systems.row([
         protocol.into(),

@@ -41,7 +41,7 @@ pub(crate) const CLAIM: Claim = Claim {
     name: "d-nerf",
     paper: "Pumarola et al., 2021",
     what: "A displacement from each time into one scene; density depends on time besides",
-    take: "the default for things that move and are cut out",
+    take: "the geometry of things that move and are cut out; seconds of training",
     differs: "A hybrid: a hash grid, a displacement of 3 x 64 with 4 octaves of the point and 6 of the time, and \
               planes of place and time that density sees directly, instead of two 8 x 256 networks with 10 \
               octaves. `planes=[]` leaves hash grid and displacement. No time is special: the displacement is the \

@@ -3,6 +3,7 @@
 
 use super::{d_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, t_nerf, tineuvox};
 use crate::claims::Claim;
+use crate::papers::gaussians::four_d_gaussians;
 use crate::plan::made::{RING, scene};
 use crate::plan::{Ask, Built};
 use engine::data::Dataset;
@@ -130,21 +131,24 @@ fn size(system: &dyn System) -> f64 {
     spread(&canonical(system, 0.0)) / spread(&points())
 }
 
+/// A short run of a system; a cloud has no rays.
+fn run_of(claim: Claim, set: &[&str], steps: u64) -> RunOptions {
+    let small = if claim.name == four_d_gaussians::CLAIM.name { &[][..] } else { &SMALL[..] };
+    let set = small.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
+    RunOptions { seed: 1, background: Some(Background::White), error_budget: None, stop: Some(Stop::Steps(steps)), set }
+}
+
 /// A system for the film, before its first step.
 fn made(claim: Claim, build: fn(Ask<'_>) -> Built, set: &[&str]) -> Box<dyn System> {
     let (scene, data) = film();
-    let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
-    let background = Some(Background::White);
-    let run = RunOptions { seed: 1, background, error_budget: None, stop: Some(Stop::Steps(STEPS)), set };
+    let run = run_of(claim, set, STEPS);
     build(Ask::new(claim, &scene, &data, &run)).unwrap().0
 }
 
 /// Train a system on the film. How far off it is before the first step and after the last.
 fn trained(claim: Claim, build: fn(Ask<'_>) -> Built, set: &[&str], steps: u64) -> (f64, f64, f64) {
     let (scene, data) = film();
-    let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
-    let background = Some(Background::White);
-    let run = RunOptions { seed: 1, background, error_budget: None, stop: Some(Stop::Steps(steps)), set };
+    let run = run_of(claim, set, steps);
     let (mut system, _) = build(Ask::new(claim, &scene, &data, &run)).unwrap();
     let before = off(system.as_ref());
     for step in 0..steps {
@@ -198,6 +202,12 @@ fn rigid_motions_beside_ambient_coordinates_find_the_motion() {
 #[test]
 fn a_displacement_of_voxels_finds_the_motion() {
     finds(tineuvox::CLAIM, tineuvox::build, &["voxels=40"], STEPS, FOUND_BY_GRIDS);
+}
+
+#[test]
+fn gaussians_that_move_find_the_motion() {
+    let set = ["start=random", "start_count=1500", "max_splats=3000"];
+    finds(four_d_gaussians::CLAIM, four_d_gaussians::build, &set, 1000, FOUND);
 }
 
 #[test]

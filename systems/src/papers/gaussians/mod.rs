@@ -1,3 +1,6 @@
-//! Systems of Gaussians.
+//! Systems of Gaussians: a file each, on what all of them are made of (`recipe`) and where they begin (`start`).
 
+pub(crate) mod four_d_gaussians;
+mod recipe;
 pub(crate) mod splat;
+mod start;

@@ -17,30 +17,14 @@
 //! Where `C` is composited: `splat_core`; the step: [`crate::views`]. What differs from the paper, and why:
 //! `docs/decisions/0022-gaussians-on-the-cpu.md`.
 
-mod start;
-
+use super::recipe::{HORIZON, Recipe};
+use super::start::StartKind;
 use crate::claims::Claim;
-use crate::free_space::free_space_line;
-use crate::plan::{Ask, Built, CloudPace, Ground};
-use crate::schedule::PlannedTime;
-use crate::settings::Settings;
-use crate::views::cloud_frame::CloudFrame;
+use crate::plan::{Ask, Built};
 use crate::views::{
-    AdcConfig, CloudConfig, CloudRates, CloudTraining, DensityConfig, DensityKind, DensityRules, ExtraRows, L1Dssim,
-    L1DssimConfig, MaskWeight, McmcConfig, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts,
-    ViewSpaceGradient, Views, WideningKind, refused,
+    AdcConfig, CloudConfig, CloudRates, DensityConfig, DensityKind, L1DssimConfig, McmcConfig, PictureConfig,
+    PlannedDensity, SplitConfig, WideningKind,
 };
-use engine::data::Dataset;
-use engine::options::{Plan, RunOptions, Stop};
-use engine::system::SystemError;
-use float_core::Simd;
-use glam::DVec3;
-use scene_io::{Point, Scene};
-use start::{AskedStart, StartConfig, StartKind};
-
-/// Steps that the schedules are for where no stop is known, and the fewest that they are for.
-const HORIZON: u64 = 10_000;
-const SHORTEST: u64 = 1_000;
 
 /// What differs from the paper.
 pub(crate) const CLAIM: Claim = Claim {
@@ -55,7 +39,6 @@ pub(crate) const CLAIM: Claim = Claim {
     mark: "axis splits, no opacity reset",
 };
 
-const START: StartConfig = StartConfig { start: StartKind::Points };
 const CLOUD: CloudConfig = CloudConfig {
     centre: [0.0; 3],
     radius: 1.0,
@@ -100,202 +83,43 @@ const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.2 };
 /// What is planned of the density control.
 const CONTROL: PlannedDensity = PlannedDensity { schedule: DENSITY, adc: ADC, split: SPLIT, mcmc: MCMC };
 
+/// The system.
+static RECIPE: Recipe = Recipe {
+    claim: CLAIM,
+    start: StartKind::Points,
+    cloud: CLOUD,
+    rates: RATES,
+    density: CONTROL,
+    pictures: PICTURES,
+    loss: LOSS,
+    motion: None,
+};
+
 /// A cloud at its start, and why it is as it is.
-pub(crate) fn build(mut ask: Ask<'_>) -> Built {
-    let (scene, data, run) = (ask.scene, ask.data, ask.run);
-    let mut ground = Ground::of_clouds(scene, data, run)?;
-    let planned = Planned::of(scene, data, run.stop, &mut ask.settings, &mut ground.lines)?;
-    let asked = planned.asked(&scene.points, &mut ask.settings, run.seed)?;
-    let all = ask.settings.all()?;
-    let Ground { layout, mut lines, background, error_budget, .. } = ground;
-    lines.extend(planned.free_space.filter(|_| asked.training.density.schedule.free_space));
-    let cloud = &asked.training.cloud;
-    let time = planned.pace.map(|pace| asked.time(&pace));
-    let AskedStart { at, field } = asked.start;
-    let refill = asked.training.density.refill();
-    let start = at.start(cloud, &layout, &asked.frame, data, run.seed)?;
-    let begin =
-        if field.is_some_and(|terms| terms.seeds.is_some()) { "start, should the field see nothing" } else { "start" };
-    lines.extend(start.notes.iter().map(|note| format!("{begin}: {note}")));
-    lines.push(format!("at most {} Gaussians", cloud.max_splats));
-    let bent = data.views().iter().filter(|v| !v.camera.lens.is_pinhole()).count();
-    if bent > 0 {
-        lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
-    }
-    let parts = ViewParts {
-        name: CLAIM.name,
-        frame: asked.frame,
-        pictures: asked.pictures,
-        clouds: vec![TrainedCloud::new(asked.training, 0, &start.cloud).map_err(refused)?],
-        terms: vec![Box::new(L1Dssim::new(Simd::best(), &asked.loss))],
-        weights: vec![Box::new(MaskWeight)],
-        appearance: None,
-        motion: None,
-        view_space: ViewSpaceGradient::Plain,
-        background,
-        time,
-        seed: run.seed,
-    };
-    let splat = Views::new(parts, data)?;
-    lines.extend(ask.claim.line());
-    let system = start::with_field(splat, field, refill, scene, data, run, &mut lines)?;
-    Ok((system, Plan { lines, background, error_budget, config: all }))
-}
-
-/// What a scene asks for, before `--set` but for where the cloud starts: the others depend on that.
-#[derive(Clone, Debug)]
-struct Planned {
-    cloud: CloudConfig,
-    start: StartKind,
-    /// Steps of a field before the cloud, where there is time for one.
-    field_steps: Option<u64>,
-    rates: CloudRates,
-    density: DensityConfig,
-    pictures: PictureConfig,
-    pace: Option<CloudPace>,
-    /// Why places are known to be empty, where they are.
-    free_space: Option<String>,
-}
-
-impl Planned {
-    /// Of no scene.
-    const OF_NOTHING: Self = Self {
-        cloud: CLOUD,
-        start: START.start,
-        field_steps: None,
-        rates: RATES,
-        density: DENSITY,
-        pictures: PICTURES,
-        pace: None,
-        free_space: None,
-    };
-
-    /// Of a scene; what was decided, and why, is added to `lines`.
-    fn of(
-        scene: &Scene,
-        data: &Dataset,
-        stop: Option<Stop>,
-        settings: &mut Settings<'_>,
-        lines: &mut Vec<String>,
-    ) -> Result<Self, SystemError> {
-        let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
-        let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
-        let (frame, note) = CloudFrame::around(&cameras, &points);
-        lines.extend(note);
-        lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
-        let pace = CloudPace::of(data)?;
-        let field_steps = start::field_steps(CloudPace::field_steps(stop));
-        let StartConfig { start } = settings.of(&StartConfig::planned(scene, field_steps))?;
-        let of_field = field_steps.filter(|_| start == StartKind::Field).unwrap_or(0);
-        let stop = CloudPace::after_field(stop, of_field);
-        let horizon = pace.steps(stop).map_or(HORIZON, |steps| (steps as u64).max(SHORTEST));
-        let (coarse, coarse_steps) = (pace.halvings(), pace.coarse_steps(horizon));
-        if coarse > 0 {
-            lines.push(format!(
-                "pictures begin {} times smaller ({} pixels each), and double after {coarse_steps} steps",
-                1 << coarse,
-                pace.pixels
-            ));
-        }
-        lines.push(format!("schedule: of {horizon} steps"));
-        let free_space = free_space_line(data);
-        Ok(Self {
-            cloud: CloudConfig {
-                centre: frame.centre,
-                radius: frame.scale,
-                max_splats: pace.gaussians(horizon as f64),
-                sh_every: horizon / 20,
-                ..CLOUD
-            },
-            start,
-            field_steps,
-            rates: CloudRates { horizon, ..RATES },
-            density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..DENSITY },
-            pictures: PictureConfig { coarse, coarse_steps, ..PICTURES },
-            pace: Some(pace),
-            free_space,
-        })
-    }
-
-    /// The settings of the parts that are there, after `--set`.
-    fn asked(&self, points: &[Point], settings: &mut Settings<'_>, seed: u64) -> Result<AskedParts, SystemError> {
-        let cloud = settings.of(&self.cloud)?;
-        cloud.check()?;
-        let frame = CloudFrame { centre: cloud.centre, scale: cloud.radius };
-        let split = SplitConfig { refill: self.start.refill(), ..SPLIT };
-        let training = CloudTraining {
-            cloud,
-            rates: settings.of(&self.rates)?,
-            density: DensityRules::asked(&PlannedDensity { schedule: self.density, split, ..CONTROL }, settings)?,
-            extra: ExtraRows::default(),
-        };
-        training.rates.check()?;
-        training.density.check()?;
-        let start = self.start.asked(points, &training, &frame, settings, self.field_steps, seed)?;
-        let (pictures, loss) = (settings.of(&self.pictures)?, settings.of(&LOSS)?);
-        pictures.check()?;
-        loss.check()?;
-        Ok(AskedParts { training, frame, pictures, loss, start })
-    }
-}
-
-/// Settings after `--set`.
-struct AskedParts {
-    training: CloudTraining,
-    frame: CloudFrame,
-    pictures: PictureConfig,
-    loss: L1DssimConfig,
-    start: AskedStart,
-}
-
-impl AskedParts {
-    /// What the schedule takes of its time.
-    fn time(&self, pace: &CloudPace) -> PlannedTime {
-        let (rates, density) = (&self.training.rates, &self.training.density.schedule);
-        let most = self.training.cloud.max_splats as f64;
-        // They come evenly.
-        let gaussians = |step: u64| (step as f64 / density.densify_until.max(1) as f64).min(1.0) * most;
-        let shares = pace.shares(rates.horizon, |step| self.pictures.level(step), gaussians);
-        PlannedTime { shares, horizon: rates.horizon }
-    }
-}
-
-/// The settings of no scene, after `--set`.
-fn of_nothing(points: &[Point], settings: &mut Settings<'_>) -> Result<AskedParts, SystemError> {
-    let StartConfig { start } = settings.of(&START)?;
-    Planned { start, ..Planned::OF_NOTHING }.asked(points, settings, 0)
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    RECIPE.build(ask)
 }
 
 /// All settings by name, whatever is chosen; values are of no scene.
 pub(crate) fn names() -> toml::Table {
-    let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
-    let mut names = toml::Table::new();
-    for set in [
-        toml::toml! { start = "field" },
-        toml::toml! { start = "field"
-        density = "adc" },
-        toml::toml! { start = "field"
-        density = "mcmc" },
-    ] {
-        let run = run(set);
-        let mut settings = Settings::new(&run);
-        of_nothing(&[], &mut settings).expect("settings as published");
-        names.extend(settings.all().expect("words of its own"));
-    }
-    names
+    RECIPE.names()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::start::Places;
     use super::*;
+    use crate::papers::gaussians::start::Places;
+    use crate::settings::Settings;
+    use engine::options::RunOptions;
+    use glam::DVec3;
+    use scene_io::Point;
 
     #[test]
     fn settings_are_those_of_the_parts_that_are_there() {
         let asked = |set: toml::Table| {
             let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
             let mut settings = Settings::new(&run);
-            of_nothing(&[], &mut settings).and_then(|_| settings.all())
+            RECIPE.of_nothing(&[], &mut settings).and_then(|_| settings.all())
         };
         let all = names();
         assert_eq!(all.len(), 37, "{all:?}");
@@ -317,7 +141,7 @@ mod tests {
         let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: toml::Table::new() };
         let mut settings = Settings::new(&run);
         let points = [Point { xyz: DVec3::ZERO, rgb: [0; 3] }];
-        let asked = of_nothing(&points, &mut settings).unwrap();
+        let asked = RECIPE.of_nothing(&points, &mut settings).unwrap();
         assert!(matches!(asked.start.at, Places::Points(_)));
         assert!(!settings.all().unwrap().contains_key("start_count"));
     }
@@ -341,7 +165,7 @@ mod tests {
         ] {
             let set = toml::Table::from_iter([(name.to_owned(), value)]);
             let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
-            let error = of_nothing(&[], &mut Settings::new(&run)).err().map(|e| e.to_string());
+            let error = RECIPE.of_nothing(&[], &mut Settings::new(&run)).err().map(|e| e.to_string());
             assert!(error.as_ref().is_some_and(|e| e.contains(name)), "{name}: {error:?}");
         }
     }

@@ -7,7 +7,7 @@ use scene_io::Point;
 use stress::Tally;
 
 /// Accepted at either end, by system.
-const ACCEPTED: [(&str, &str); 12] = [
+const ACCEPTED: [(&str, &str); 13] = [
     ("ngp", "guided=true depth=1000.0 curriculum=1.0 horizon=1 horizon=9223372036854775807"),
     (
         "t-nerf",
@@ -76,6 +76,15 @@ const ACCEPTED: [(&str, &str); 12] = [
         plane_smoothness=0.0 plane_smoothness=100.0 plane_transients=0.0 plane_transients=100.0 decoder=hybrid
         decoder=explicit decoder=explicit+basis_width=1+basis_layers=1 decoder=explicit+basis_width=1024
         decoder=explicit+basis_layers=16 decoder=explicit+plane_features=1 decoder=explicit+sampler=proposal",
+    ),
+    (
+        "4dgs",
+        "motion_from=0.0 motion_from=0.99 motion_width=1 motion_width=512 motion_layers=0 motion_layers=8 motion_opacity=true
+        motion_colour=true motion_opacity=true+motion_colour=true+sh_degree=0 motion_lr=1e-300 motion_lr=10.0 motion_lr_end=10.0
+        motion_feature_lr=10.0 motion_feature_lr_end=1e-300 motion_coherence=1000.0 motion_coherence=1.0+motion_reach=1e-4
+        motion_coherence=1.0+motion_reach=10.0 plane_vertices=2 plane_scales=[1] plane_scales=[16] plane_features=1
+        plane_features=64 plane_times=0 plane_times=2 plane_times=1024 plane_variation=100.0 plane_smoothness=100.0 plane_transients=100.0
+        dssim=1.0 start=random start=points density=adc density=mcmc max_splats=1",
     ),
     (
         "two-parts",

@@ -1,4 +1,4 @@
-//! Where the Gaussians of `splat` begin: at points, at random places, or where a field sees surfaces.
+//! Where the Gaussians of a cloud begin: at points, at random places, or where a field sees surfaces.
 
 use crate::layout::Layout;
 use crate::plan::{Ground, field_settings};
@@ -41,6 +41,24 @@ pub(super) struct StartConfig {
     pub(super) start: StartKind,
 }
 
+/// How many times of a scene its photos show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Seeing {
+    /// One: what a photo sees through is empty.
+    OneTime,
+    /// Many: what a photo sees through may hold something in another.
+    ManyTimes,
+}
+
+/// A field before the cloud.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FieldBefore {
+    pub(super) terms: ProxyTerms,
+    /// The share of later Gaussians that begins where it sees surfaces.
+    pub(super) refill: f64,
+    pub(super) seeing: Seeing,
+}
+
 /// A start that is not at points: chosen, or because the scene has none.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -73,6 +91,11 @@ impl StartConfig {
             _ => StartKind::Points,
         };
         Self { start }
+    }
+
+    /// The same of a thing that moves and is cut out: photos say where it is better than a field that knows no time.
+    pub(super) fn of_moving_thing(scene: &Scene) -> Self {
+        Self { start: if scene.points.len() < FEW_POINTS { StartKind::Random } else { StartKind::Points } }
     }
 }
 
@@ -139,12 +162,16 @@ impl CountConfig {
         layout: &Layout,
         frame: &CloudFrame,
         data: &Dataset,
+        seeing: Seeing,
         seed: u64,
     ) -> Result<Start, SystemError> {
         let count = self.start_count.min(cloud.max_splats);
         let one = Gaussians::new(0, cloud.sh_degree).map_err(refused)?.parameters_per_gaussian();
         room_for("start_count", count, count.saturating_mul(one))?;
-        let hull = VisualHull::new(data)?;
+        let hull = match seeing {
+            Seeing::OneTime => VisualHull::new(data)?,
+            Seeing::ManyTimes => VisualHull::of_many_times(data)?,
+        };
         let options = StartOptions { random: self.start_count, ..options(cloud, seed) };
         Start::random(scene_box(layout, data), frame, &options, |x| hull.colour_at(x)).map_err(refused)
     }
@@ -158,30 +185,32 @@ impl Places {
         layout: &Layout,
         frame: &CloudFrame,
         data: &Dataset,
+        seeing: Seeing,
         seed: u64,
     ) -> Result<Start, SystemError> {
         match self {
             Self::Points(start) => Ok(start),
-            Self::Random(count) => count.random(cloud, layout, frame, data, seed),
+            Self::Random(count) => count.random(cloud, layout, frame, data, seeing, seed),
         }
     }
 }
 
-/// The system: the cloud, or the cloud with a field before it, where this share of later Gaussians begins. What the field is for is added
-/// to `lines`.
+/// The system: the cloud, or the cloud with a field before it. What the field is for is added to `lines`.
 pub(super) fn with_field(
     cloud: Views,
-    field: Option<ProxyTerms>,
-    refill: f64,
+    field: Option<FieldBefore>,
     scene: &Scene,
     data: &Dataset,
     run: &RunOptions,
     lines: &mut Vec<String>,
 ) -> Result<Box<dyn System>, SystemError> {
-    let Some(terms) = field else { return Ok(Box::new(cloud)) };
+    let Some(FieldBefore { terms, refill, seeing }) = field else { return Ok(Box::new(cloud)) };
     let mut ground = Ground::of(scene, data, run)?;
     let config = field_settings(&mut ground, data);
-    let field = ground.ngp(data, &config, run.seed, None)?;
+    let field = match seeing {
+        Seeing::OneTime => ground.ngp(data, &config, run.seed, None)?,
+        Seeing::ManyTimes => ground.plain(data, &config, run.seed)?,
+    };
     lines.push(terms.line(refill));
     Ok(Box::new(Proxied::new(terms, field, cloud)))
 }
@@ -203,6 +232,15 @@ mod tests {
     use super::*;
     use crate::plan::made;
     use glam::DVec3;
+
+    #[test]
+    fn a_thing_that_moves_begins_where_photos_show_it() {
+        let of = |points: usize| {
+            let points = vec![Point { xyz: DVec3::ZERO, rgb: [0; 3] }; points];
+            StartConfig::of_moving_thing(&made::scene(Vec::new(), points).0).start
+        };
+        assert_eq!([0, 1999, 2000].map(of), [StartKind::Random, StartKind::Random, StartKind::Points]);
+    }
 
     #[test]
     fn a_field_stands_for_points_that_are_few_where_there_is_time_for_one() {

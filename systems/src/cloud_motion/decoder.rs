@@ -1,0 +1,252 @@
+//! Networks that turn features of a Gaussian's place and the time into offsets of its parameters:
+//!
+//! ```text
+//! h = relu(A_L relu(... A_0 f))         shared by all offsets
+//! offset_k = C_k relu(B_k h)            of positions, sizes, rotations, ... ; C_k begins at 0: nothing moves
+//! ```
+
+use crate::buffers::sized;
+use crate::fields::{fold_gradients, xavier};
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
+use field_core::mlp::{Activation, Mlp, MlpConfig, Packed};
+use field_core::rng::Rng;
+use float_core::Simd;
+use optim::{Adam, AdamConfig};
+use splat_core::{Field, Gaussians};
+use std::ops::Range;
+
+/// As for the Gaussians: steps know no scale of the gradient.
+const ADAM: AdamConfig = AdamConfig::DEFAULT.with_eps(1e-15);
+/// Name in checkpoints.
+const NAME: &str = "motion.networks";
+
+/// The networks, and their optimiser.
+pub(super) struct Decoder {
+    trunk: Network,
+    heads: Vec<Head>,
+    params: Vec<f32>,
+    adam: Adam,
+}
+
+/// A network, and where its parameters lie in those of all.
+struct Network {
+    mlp: Mlp,
+    packed: Packed,
+    range: Range<usize>,
+}
+
+/// The network of one kind of offset.
+struct Head {
+    network: Network,
+    field: Field,
+    rows: Range<usize>,
+}
+
+/// Buffers of a chunk.
+#[derive(Default)]
+pub(super) struct DecoderScratch {
+    hidden: Vec<f32>,
+    hidden_bar: Vec<f32>,
+    trunk_acts: Vec<f32>,
+    head_acts: Vec<f32>,
+    offsets: Vec<f32>,
+    scratch: Vec<f32>,
+}
+
+/// The gradient of one chunk with respect to the parameters, network by network.
+pub(super) type PackedGradients = Vec<Vec<f32>>;
+
+impl Decoder {
+    /// For `features` rows of features: networks of `width` units with `layers` shared layers besides the first, that move `fields` of a
+    /// cloud of spherical harmonics of `degree`.
+    ///
+    /// # Errors
+    /// [`SystemError::Config`] for networks that cannot be.
+    pub(super) fn new(
+        features: usize,
+        width: usize,
+        layers: usize,
+        fields: &[Field],
+        degree: usize,
+        rng: Rng,
+    ) -> Result<Self, SystemError> {
+        let mut params = Vec::new();
+        let trunk = MlpConfig::new(features, vec![width; layers], width).with_output_activation(Activation::Relu);
+        let trunk = Network::new(&trunk, rng.substream(0), &mut params)?;
+        let one = Gaussians::new(1, degree).map_err(|e| refused(&e))?;
+        let of_one =
+            |field: Field| one.fields().iter().find(|(name, _)| *name == field).map_or(0, |(_, row)| row.len());
+        let (mut heads, mut first) = (Vec::new(), 0);
+        for (k, &field) in fields.iter().enumerate() {
+            let rows = first..first + of_one(field);
+            if rows.is_empty() {
+                continue;
+            }
+            first = rows.end;
+            let config = MlpConfig::new(width, vec![width], rows.len());
+            let network = Network::new(&config, rng.substream(k as u64 + 1), &mut params)?;
+            if let Some(last) = network.mlp.layers().last() {
+                params[network.range.clone()][last.weights.clone()].fill(0.0);
+            }
+            heads.push(Head { network, field, rows });
+        }
+        let mut new = Self { trunk, heads, adam: Adam::new(params.len(), ADAM), params };
+        new.pack();
+        Ok(new)
+    }
+
+    /// Which parameters of a Gaussian have offsets, and which rows of the output these are.
+    pub(super) fn fields(&self) -> impl Iterator<Item = (Field, Range<usize>)> + '_ {
+        self.heads.iter().map(|head| (head.field, head.rows.clone()))
+    }
+
+    /// Rows of the output.
+    pub(super) fn rows(&self) -> usize {
+        self.heads.last().map_or(0, |head| head.rows.end)
+    }
+
+    /// Offsets `[rows][n]` of `n` Gaussians with `features` `[features][n]`.
+    pub(super) fn offsets(
+        &self,
+        simd: Simd,
+        features: &[f32],
+        n: usize,
+        out: &mut [f32],
+        scratch: &mut DecoderScratch,
+    ) {
+        let DecoderScratch { hidden, scratch, .. } = scratch;
+        let networks = std::iter::once(&self.trunk).chain(self.heads.iter().map(|head| &head.network));
+        let room = networks.map(|network| network.mlp.infer_scratch_len()).max().unwrap_or(0);
+        let (hidden, scratch) = (sized(hidden, self.width() * n), sized(scratch, room));
+        self.trunk.infer(simd, features, n, hidden, scratch);
+        for head in &self.heads {
+            head.network.infer(simd, hidden, n, &mut out[head.rows.start * n..head.rows.end * n], scratch);
+        }
+    }
+
+    /// Backward twin of [`offsets`](Self::offsets), which it does once more. `bar` `[rows][n]`; adds to `features_bar`
+    /// `[features][n]`, and returns the gradient with respect to the parameters.
+    pub(super) fn backward(
+        &self,
+        simd: Simd,
+        features: &[f32],
+        n: usize,
+        bar: &[f32],
+        features_bar: &mut [f32],
+        scratch: &mut DecoderScratch,
+    ) -> PackedGradients {
+        let DecoderScratch { hidden, hidden_bar, trunk_acts, head_acts, offsets, scratch } = scratch;
+        let (hidden, hidden_bar) = (sized(hidden, self.width() * n), sized(hidden_bar, self.width() * n));
+        hidden_bar.fill(0.0);
+        let acts = self.trunk.forward(simd, features, n, hidden, trunk_acts);
+        let mut gradients = vec![Vec::new()];
+        for head in &self.heads {
+            let rows = head.rows.start * n..head.rows.end * n;
+            let offsets = sized(offsets, rows.len());
+            let acts = head.network.forward(simd, hidden, n, offsets, head_acts);
+            gradients.push(head.network.backward(simd, acts, &bar[rows], n, hidden_bar, scratch));
+        }
+        gradients[0] = self.trunk.backward(simd, acts, hidden_bar, n, features_bar, scratch);
+        gradients
+    }
+
+    /// One step with the gradients of chunks, summed in their order. Returns how many entries were not finite.
+    pub(super) fn step(&mut self, simd: Simd, lr: f64, chunks: &[&PackedGradients]) -> usize {
+        let gradient = self.gradient(chunks);
+        let bad = self.adam.step(simd, lr, &mut self.params, &gradient);
+        self.pack();
+        bad
+    }
+
+    /// The gradient of chunks, summed in their order, in the order of the parameters.
+    pub(super) fn gradient(&self, chunks: &[&PackedGradients]) -> Vec<f32> {
+        let mut gradient = vec![0.0; self.params.len()];
+        let mut packed = Vec::new();
+        let networks = std::iter::once(&self.trunk).chain(self.heads.iter().map(|head| &head.network));
+        for (k, network) in networks.enumerate() {
+            let each = chunks.iter().map(|chunk| &chunk[k][..]);
+            fold_gradients(&network.mlp, each, &mut packed, &mut gradient[network.range.clone()]);
+        }
+        gradient
+    }
+
+    /// Number of parameters.
+    pub(super) fn param_count(&self) -> usize {
+        self.params.len()
+    }
+
+    #[cfg(test)]
+    pub(super) fn parameters(&self) -> &[f32] {
+        &self.params
+    }
+
+    #[cfg(test)]
+    pub(super) fn set_parameters(&mut self, params: Vec<f32>) {
+        self.params = params;
+        self.pack();
+    }
+
+    pub(super) fn state(&self) -> Vec<Tensor<'_>> {
+        let mut out = vec![f32_tensor(NAME, &self.params)];
+        push_adam(&mut out, NAME, &self.adam);
+        out
+    }
+
+    /// What [`state`](Self::state) wrote. Nothing has changed where it does not fit.
+    pub(super) fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        let params = take_numbers(state, NAME, self.params.len())?;
+        self.adam = take_adam(state, NAME, &self.adam)?;
+        self.params = params;
+        self.pack();
+        Ok(())
+    }
+
+    fn width(&self) -> usize {
+        self.trunk.mlp.outputs()
+    }
+
+    fn pack(&mut self) {
+        for network in std::iter::once(&mut self.trunk).chain(self.heads.iter_mut().map(|head| &mut head.network)) {
+            network.mlp.pack(&self.params[network.range.clone()], &mut network.packed);
+        }
+    }
+}
+
+impl Network {
+    fn new(config: &MlpConfig, rng: Rng, params: &mut Vec<f32>) -> Result<Self, SystemError> {
+        let mlp = Mlp::new(config).map_err(|e| refused(&e))?;
+        let first = params.len();
+        params.extend(xavier(&mlp, rng));
+        Ok(Self { range: first..params.len(), mlp, packed: Packed::default() })
+    }
+
+    fn infer(&self, simd: Simd, x: &[f32], n: usize, y: &mut [f32], scratch: &mut [f32]) {
+        self.mlp.infer(simd, &self.packed, x, n, n, y, n, scratch);
+    }
+
+    /// Returns what [`backward`](Self::backward) needs.
+    fn forward<'a>(&self, simd: Simd, x: &[f32], n: usize, y: &mut [f32], acts: &'a mut Vec<f32>) -> &'a [f32] {
+        let acts = sized(acts, self.mlp.activations_len(n));
+        self.mlp.forward(simd, &self.packed, x, n, n, y, n, acts);
+        acts
+    }
+
+    fn backward(
+        &self,
+        simd: Simd,
+        acts: &[f32],
+        y_bar: &[f32],
+        n: usize,
+        x_bar: &mut [f32],
+        scratch: &mut Vec<f32>,
+    ) -> Vec<f32> {
+        let mut gradient = vec![0.0; self.mlp.packed_grad_len()];
+        let scratch = sized(scratch, self.mlp.backward_scratch_len());
+        self.mlp.backward(simd, &self.packed, acts, y_bar, n, n, Some((x_bar, n)), &mut gradient, scratch);
+        gradient
+    }
+}
+
+fn refused(e: &impl std::fmt::Display) -> SystemError {
+    SystemError::Config { field: "motion_width", value: String::new(), problem: e.to_string() }
+}

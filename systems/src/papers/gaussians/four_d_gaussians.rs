@@ -1,0 +1,129 @@
+//! 4D Gaussians: one cloud, moved to each time by features of planes of place and time.
+//!
+//! Wu, Yi, Fang, Xie, Zhang, Wei, Liu, Tian, Wang, "4D Gaussian Splatting for Real-Time Dynamic Scene Rendering", 2024.
+//!
+//! ```text
+//! f_h = concat_l prod_{(i,j)} interp(R_l(i, j)),  (i, j) in {xy, xz, yz, xt, yt, zt}          features (equation 5)
+//! f_d = phi_d(f_h)                                                                          shared by all offsets
+//! dX = phi_x(f_d),  dr = phi_r(f_d),  ds = phi_s(f_d)                                       networks of the offsets (section 4.3)
+//! (X', r', s') = (X + dX, r + dr, s + ds)                                                   the cloud at the time (equation 7)
+//! L = |C - C'| + L_tv                                                                       the loss (equation 8)
+//! ```
+//!
+//! Planes are those of K-Planes (`field_core::encoding::planes`), drawn and learnt as every cloud here ([`crate::views`]); what moves it:
+//! [`crate::cloud_motion`]. Opacities and colours move with `--set motion_opacity=true`, `motion_colour=true`, as released for films of
+//! many cameras. What differs from the paper, and why: `docs/decisions/0061-four-dimensional-gaussians.md`.
+
+use super::recipe::{HORIZON, Recipe};
+use super::start::StartKind;
+use crate::claims::Claim;
+use crate::cloud_motion::{MotionParts, MotionSettings};
+use crate::fields::{PlaneGridSettings, PlaneGridSource};
+use crate::plan::{Ask, Built};
+use crate::views::{
+    AdcConfig, CloudConfig, CloudRates, DensityConfig, DensityKind, L1DssimConfig, McmcConfig, PictureConfig,
+    PlannedDensity, SplitConfig, WideningKind,
+};
+use std::sync::Arc;
+
+/// What differs from the paper.
+pub(crate) const CLAIM: Claim = Claim {
+    name: "4dgs",
+    paper: "Wu et al., 2024",
+    what: "A cloud of Gaussians, moved to each time by features of planes of place and time",
+    take: "the default for things that move and are cut out",
+    differs: "The cloud is that of `splat` here: splits along the longest axis, opacities fade, pictures are antialiased, schedules \
+              fit the run. Planes have 16 features instead of 32 and lie in the box that cameras see; time is spread over all of \
+              their cells, and those of space are not smoothed. Networks and planes learn ten times as fast; offsets begin at 0.",
+    mark: "axis splits, 16 features, own rates",
+};
+
+const CLOUD: CloudConfig = CloudConfig {
+    centre: [0.0; 3],
+    radius: 1.0,
+    max_splats: 30_000,
+    near_size: 0.3,
+    sh_degree: 3,
+    sh_every: HORIZON / 20,
+};
+const RATES: CloudRates = CloudRates {
+    horizon: HORIZON,
+    fade_from: 0.7,
+    fade_to: 0.1,
+    lr_mean: 1.6e-4,
+    lr_mean_end: 1.6e-5,
+    lr_dc: 5e-3,
+    lr_logit: 0.05,
+    lr_scale: 1e-2,
+    lr_rotation: 1e-3,
+};
+const DENSITY: PlannedDensity = PlannedDensity {
+    schedule: DensityConfig {
+        density: DensityKind::Split,
+        densify_from: 300,
+        densify_until: HORIZON / 5 * 4,
+        densify_every: 100,
+        free_space: false,
+    },
+    adc: AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune_size: 0.0 },
+    split: SplitConfig { densify_gradient: 1e-4, opacity_decay: 0.9, refill: 0.0 },
+    mcmc: McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e5 },
+};
+const PICTURES: PictureConfig =
+    PictureConfig { near: 0.01, widening: WideningKind::Dims, smoothing: 0.0, coarse: 0, coarse_steps: HORIZON / 4 };
+/// Equation 8 has no structural similarity.
+const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.0 };
+
+/// The released settings for D-NeRF's scenes, in which the first 3 000 of 23 000 steps are of what stands still.
+const MOTION: MotionSettings = MotionSettings {
+    motion_from: 0.1,
+    motion_width: 64,
+    motion_layers: 0,
+    motion_opacity: false,
+    motion_colour: false,
+    motion_lr: 1.6e-3,
+    motion_lr_end: 1.6e-4,
+    motion_feature_lr: 1.6e-2,
+    motion_feature_lr_end: 1.6e-3,
+    motion_coherence: 0.0,
+    motion_reach: 0.02,
+};
+
+/// The planes of D-NeRF's scenes, with half of the features.
+fn planes() -> PlaneGridSettings {
+    PlaneGridSettings {
+        plane_vertices: 64,
+        plane_scales: vec![1, 2],
+        plane_features: 16,
+        plane_times: 0,
+        plane_variation: 0.0,
+        plane_smoothness: 0.06,
+        plane_transients: 6e-4,
+    }
+}
+
+fn motion(times: Arc<[f32]>) -> MotionParts {
+    MotionParts { settings: MOTION, features: PlaneGridSource::new(planes(), times) }
+}
+
+/// The system.
+static RECIPE: Recipe = Recipe {
+    claim: CLAIM,
+    start: StartKind::Random,
+    cloud: CLOUD,
+    rates: RATES,
+    density: DENSITY,
+    pictures: PICTURES,
+    loss: LOSS,
+    motion: Some(motion),
+};
+
+/// A cloud at its start, and why it is as it is.
+pub(crate) fn build(ask: Ask<'_>) -> Built {
+    RECIPE.build(ask)
+}
+
+/// All settings by name, whatever is chosen; values are of no scene.
+pub(crate) fn names() -> toml::Table {
+    RECIPE.names()
+}

@@ -1,0 +1,305 @@
+//! A system of one cloud: what it is made of, what a scene makes of that, and the system that comes out.
+
+use super::start::{AskedStart, FieldBefore, Seeing, StartConfig, StartKind, field_steps, with_field};
+use crate::claims::Claim;
+use crate::cloud_motion::{DeformationField, MotionParts, MotionSettings, UnitBox};
+use crate::fields::{FeatureSource, view_times};
+use crate::free_space::free_space_line;
+use crate::layout::Layout;
+use crate::plan::{Ask, Built, CloudPace, Ground, has_alpha};
+use crate::schedule::PlannedTime;
+use crate::settings::Settings;
+use crate::views::cloud_frame::CloudFrame;
+use crate::views::start::scene_box;
+use crate::views::{
+    CloudConfig, CloudMotion, CloudRates, CloudTraining, DensityConfig, DensityRules, ExtraRows, L1Dssim,
+    L1DssimConfig, MaskWeight, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts, ViewSpaceGradient,
+    Views, refused,
+};
+use engine::data::Dataset;
+use engine::options::{Plan, RunOptions, Stop};
+use engine::system::SystemError;
+use field_core::rng::Rng;
+use float_core::Simd;
+use glam::DVec3;
+use scene_io::{Point, Scene};
+use std::sync::Arc;
+
+/// Steps that the schedules are for where no stop is known, and the fewest that they are for.
+pub(super) const HORIZON: u64 = 10_000;
+const SHORTEST: u64 = 1_000;
+/// Stream of random numbers of features.
+const STREAM: u64 = 0x666c_6f77;
+
+/// What moves a cloud, by the times of the photos.
+type MotionOf = fn(Arc<[f32]>) -> MotionParts;
+
+/// What a system of one cloud is made of, before a scene asks for anything.
+pub(super) struct Recipe {
+    pub(super) claim: Claim,
+    pub(super) start: StartKind,
+    pub(super) cloud: CloudConfig,
+    pub(super) rates: CloudRates,
+    pub(super) density: PlannedDensity,
+    pub(super) pictures: PictureConfig,
+    pub(super) loss: L1DssimConfig,
+    /// What moves the cloud; `None`: it stands still.
+    pub(super) motion: Option<MotionOf>,
+}
+
+impl Recipe {
+    /// A cloud at its start, and why it is as it is.
+    pub(super) fn build(&'static self, mut ask: Ask<'_>) -> Built {
+        let (scene, data, run) = (ask.scene, ask.data, ask.run);
+        let mut ground = Ground::of_clouds(scene, data, run)?;
+        let planned = Planned::of(self, scene, data, run.stop, &mut ask.settings, &mut ground.lines)?;
+        let asked = planned.asked(&scene.points, &mut ask.settings, run.seed)?;
+        let all = ask.settings.all()?;
+        let Ground { layout, mut lines, background, error_budget, .. } = ground;
+        lines.extend(planned.free_space.filter(|_| asked.training.density.schedule.free_space));
+        let cloud = &asked.training.cloud;
+        let time = planned.pace.map(|pace| asked.time(&pace));
+        let moving = |motion: &AskedMotion| motion.moving(&asked, &layout, data, run.seed);
+        let motion = asked.motion.as_ref().map(moving).transpose()?;
+        lines.extend(asked.motion.as_ref().map(|motion| motion.line(&asked)));
+        let seeing = if motion.is_some() { Seeing::ManyTimes } else { Seeing::OneTime };
+        let AskedStart { at, field } = asked.start;
+        let refill = asked.training.density.refill();
+        let field = field.map(|terms| FieldBefore { terms, refill, seeing });
+        let start = at.start(cloud, &layout, &asked.frame, data, seeing, run.seed)?;
+        let begin = if field.is_some_and(|field| field.terms.seeds.is_some()) {
+            "start, should the field see nothing"
+        } else {
+            "start"
+        };
+        lines.extend(start.notes.iter().map(|note| format!("{begin}: {note}")));
+        lines.push(format!("at most {} Gaussians", cloud.max_splats));
+        let bent = data.views().iter().filter(|v| !v.camera.lens.is_pinhole()).count();
+        if bent > 0 {
+            lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
+        }
+        let parts = ViewParts {
+            name: self.claim.name,
+            frame: asked.frame,
+            pictures: asked.pictures,
+            clouds: vec![TrainedCloud::new(asked.training, 0, &start.cloud).map_err(refused)?],
+            terms: vec![Box::new(L1Dssim::new(Simd::best(), &asked.loss))],
+            weights: vec![Box::new(MaskWeight)],
+            appearance: None,
+            motion,
+            view_space: ViewSpaceGradient::Plain,
+            background,
+            time,
+            seed: run.seed,
+        };
+        let cloud = Views::new(parts, data)?;
+        lines.extend(ask.claim.line());
+        let system = with_field(cloud, field, scene, data, run, &mut lines)?;
+        Ok((system, Plan { lines, background, error_budget, config: all }))
+    }
+
+    /// The settings of no scene, after `--set`.
+    pub(super) fn of_nothing(
+        &'static self,
+        points: &[Point],
+        settings: &mut Settings<'_>,
+    ) -> Result<AskedParts, SystemError> {
+        let StartConfig { start } = settings.of(&StartConfig { start: self.start })?;
+        Planned { start, ..Planned::of_nothing(self) }.asked(points, settings, 0)
+    }
+
+    /// All settings by name, whatever is chosen; values are of no scene.
+    pub(super) fn names(&'static self) -> toml::Table {
+        let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
+        let mut names = toml::Table::new();
+        for set in [
+            toml::toml! { start = "field" },
+            toml::toml! { start = "field"
+            density = "adc" },
+            toml::toml! { start = "field"
+            density = "mcmc" },
+        ] {
+            let run = run(set);
+            let mut settings = Settings::new(&run);
+            self.of_nothing(&[], &mut settings).expect("settings as published");
+            names.extend(settings.all().expect("words of its own"));
+        }
+        names
+    }
+}
+
+/// What a scene asks for, before `--set` but for where the cloud starts: the others depend on that.
+struct Planned {
+    recipe: &'static Recipe,
+    cloud: CloudConfig,
+    start: StartKind,
+    /// Steps of a field before the cloud, where there is time for one.
+    field_steps: Option<u64>,
+    rates: CloudRates,
+    density: DensityConfig,
+    pictures: PictureConfig,
+    pace: Option<CloudPace>,
+    /// Times of the photos, where the cloud moves.
+    times: Arc<[f32]>,
+    /// Why places are known to be empty, where they are.
+    free_space: Option<String>,
+}
+
+impl Planned {
+    /// Of no scene.
+    fn of_nothing(recipe: &'static Recipe) -> Self {
+        Self {
+            recipe,
+            cloud: recipe.cloud,
+            start: recipe.start,
+            field_steps: None,
+            rates: recipe.rates,
+            density: recipe.density.schedule,
+            pictures: recipe.pictures,
+            pace: None,
+            times: Arc::default(),
+            free_space: None,
+        }
+    }
+
+    /// Of a scene; what was decided, and why, is added to `lines`.
+    fn of(
+        recipe: &'static Recipe,
+        scene: &Scene,
+        data: &Dataset,
+        stop: Option<Stop>,
+        settings: &mut Settings<'_>,
+        lines: &mut Vec<String>,
+    ) -> Result<Self, SystemError> {
+        let moves = recipe.motion.is_some();
+        let cameras: Vec<DVec3> = data.views().iter().map(|v| v.camera.pose.c).collect();
+        let points: Vec<DVec3> = scene.points.iter().map(|p| p.xyz).collect();
+        let (frame, note) = CloudFrame::around(&cameras, &points);
+        lines.extend(note);
+        lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
+        let still = CloudPace::of(data)?;
+        let pace = if moves { still.moving() } else { still };
+        let field_steps = field_steps(CloudPace::field_steps(stop));
+        let planned = match moves && has_alpha(data)? {
+            true => StartConfig::of_moving_thing(scene),
+            false => StartConfig::planned(scene, field_steps),
+        };
+        let StartConfig { start } = settings.of(&planned)?;
+        let of_field = field_steps.filter(|_| start == StartKind::Field).unwrap_or(0);
+        let stop = CloudPace::after_field(stop, of_field);
+        let horizon = pace.steps(stop).map_or(HORIZON, |steps| (steps as u64).max(SHORTEST));
+        let (coarse, coarse_steps) = (pace.halvings(), pace.coarse_steps(horizon));
+        if coarse > 0 {
+            lines.push(format!(
+                "pictures begin {} times smaller ({} pixels each), and double after {coarse_steps} steps",
+                1 << coarse,
+                pace.pixels
+            ));
+        }
+        lines.push(format!("schedule: of {horizon} steps"));
+        // What moves is where another photo sees through.
+        let free_space = if moves { None } else { free_space_line(data) };
+        let schedule = recipe.density.schedule;
+        Ok(Self {
+            cloud: CloudConfig {
+                centre: frame.centre,
+                radius: frame.scale,
+                max_splats: pace.gaussians(horizon as f64),
+                sh_every: horizon / 20,
+                ..recipe.cloud
+            },
+            start,
+            field_steps,
+            rates: CloudRates { horizon, ..recipe.rates },
+            density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..schedule },
+            pictures: PictureConfig { coarse, coarse_steps, ..recipe.pictures },
+            pace: Some(pace),
+            times: if moves { view_times(data) } else { Arc::default() },
+            free_space,
+            recipe,
+        })
+    }
+
+    /// The settings of the parts that are there, after `--set`.
+    fn asked(&self, points: &[Point], settings: &mut Settings<'_>, seed: u64) -> Result<AskedParts, SystemError> {
+        let cloud = settings.of(&self.cloud)?;
+        cloud.check()?;
+        let frame = CloudFrame { centre: cloud.centre, scale: cloud.radius };
+        // A field that knows no time sees no place of what moves.
+        let refill = if self.recipe.motion.is_some() { 0.0 } else { self.start.refill() };
+        let split = SplitConfig { refill, ..self.recipe.density.split };
+        let density = PlannedDensity { schedule: self.density, split, ..self.recipe.density };
+        let training = CloudTraining {
+            cloud,
+            rates: settings.of(&self.rates)?,
+            density: DensityRules::asked(&density, settings)?,
+            extra: ExtraRows::default(),
+        };
+        training.rates.check()?;
+        training.density.check()?;
+        let start = self.start.asked(points, &training, &frame, settings, self.field_steps, seed)?;
+        let (pictures, loss) = (settings.of(&self.pictures)?, settings.of(&self.recipe.loss)?);
+        pictures.check()?;
+        loss.check()?;
+        let motion =
+            self.recipe.motion.map(|motion| AskedMotion::new(motion(self.times.clone()), settings)).transpose()?;
+        Ok(AskedParts { training, frame, pictures, loss, start, motion })
+    }
+}
+
+/// Settings after `--set`.
+pub(super) struct AskedParts {
+    training: CloudTraining,
+    frame: CloudFrame,
+    pictures: PictureConfig,
+    loss: L1DssimConfig,
+    pub(super) start: AskedStart,
+    motion: Option<AskedMotion>,
+}
+
+impl AskedParts {
+    /// What the schedule takes of its time.
+    fn time(&self, pace: &CloudPace) -> PlannedTime {
+        let (rates, density) = (&self.training.rates, &self.training.density.schedule);
+        let most = self.training.cloud.max_splats as f64;
+        // They come evenly.
+        let gaussians = |step: u64| (step as f64 / density.densify_until.max(1) as f64).min(1.0) * most;
+        let shares = pace.shares(rates.horizon, |step| self.pictures.level(step), gaussians);
+        PlannedTime { shares, horizon: rates.horizon }
+    }
+}
+
+/// What moves a cloud, after `--set`.
+struct AskedMotion {
+    settings: MotionSettings,
+    features: Arc<dyn FeatureSource>,
+}
+
+impl AskedMotion {
+    fn new(parts: MotionParts, settings: &mut Settings<'_>) -> Result<Self, SystemError> {
+        let motion = settings.of(&parts.settings)?;
+        motion.check()?;
+        Ok(Self { settings: motion, features: parts.features.asked(settings)? })
+    }
+
+    /// For people.
+    fn line(&self, asked: &AskedParts) -> String {
+        let still = (self.settings.motion_from * asked.training.rates.horizon as f64) as u64;
+        format!("motion: nothing moves in the first {still} steps")
+    }
+
+    /// What moves the cloud, over the box that the cameras look at.
+    fn moving(
+        &self,
+        asked: &AskedParts,
+        layout: &Layout,
+        data: &Dataset,
+        seed: u64,
+    ) -> Result<Box<dyn CloudMotion>, SystemError> {
+        let cube = UnitBox::new(&scene_box(layout, data), &asked.frame);
+        let features = self.features.features(Rng::new(seed, STREAM))?;
+        let CloudTraining { cloud, rates, .. } = &asked.training;
+        let field = DeformationField::new(self.settings, features, cube, 0, cloud.sh_degree, rates.horizon, seed)?;
+        Ok(Box::new(field))
+    }
+}
