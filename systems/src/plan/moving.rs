@@ -93,9 +93,7 @@ pub(crate) fn moving_field(ask: Ask<'_>, parts: &Moving) -> Built {
     let has_depth = data.views().iter().any(|view| view.source.depth.is_some());
     let measured = has_depth && depth.asks();
     let frozen = !accepts_no_parallax(run)? && has_no_parallax(data);
-    if frozen && has_depth {
-        check_depth(claim.name, data, measured)?;
-    }
+    check_still_camera(claim.name, data, run, if measured { DepthUse::Asked } else { DepthUse::CouldBeAsked })?;
     let mut ground = if measured { Ground::with_depth(scene, data, run) } else { Ground::of_times(scene, data, run) }?;
     ground.lines.extend(claim.line());
     if deform.as_ref().is_some_and(|deform| deform.coherence_factor() > 0.0) {
@@ -188,16 +186,38 @@ fn follow(system: &mut RaySystem, data: &Dataset, rays: &RaySettings) -> Result<
     Ok(lines)
 }
 
-/// A camera that stands still sees depth by what was measured, or not at all.
-fn check_depth(name: &str, data: &Dataset, measured: bool) -> Result<(), SystemError> {
+/// What a system makes of measured depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum DepthUse {
+    /// It is led by it.
+    Asked,
+    /// It could be, by a setting.
+    CouldBeAsked,
+    /// Nothing.
+    None,
+}
+
+/// A camera that stands still sees depth by what was measured, or not at all: refuse it where there are depth maps that say nothing, or
+/// that the system makes nothing of.
+pub(crate) fn check_still_camera(
+    name: &str,
+    data: &Dataset,
+    run: &RunOptions,
+    depth: DepthUse,
+) -> Result<(), SystemError> {
+    let has_depth = data.views().iter().any(|view| view.source.depth.is_some());
+    if !has_depth || accepts_no_parallax(run)? || !has_no_parallax(data) {
+        return Ok(());
+    }
     if !has_known_depth(data)? {
         return Err(no_depth(data));
     }
-    if measured {
-        return Ok(());
+    let what = format!("no parallax, and `{name}` makes nothing of the depth that was measured; use `endo-nerf`");
+    match depth {
+        DepthUse::Asked => Ok(()),
+        DepthUse::CouldBeAsked => Err(no_parallax(data, &format!("{what}, set `depth=1`"))),
+        DepthUse::None => Err(no_parallax(data, &what)),
     }
-    let what = format!("no parallax, and `{name}` makes nothing of the depth that was measured");
-    Err(no_parallax(data, &format!("{what}; use `endo-nerf`, set `depth=1`")))
 }
 
 /// Whether any pixel of any depth map is known: usually the first map answers.

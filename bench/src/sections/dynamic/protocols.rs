@@ -44,6 +44,8 @@ const HYPERNERF: Entry = Entry::new("hypernerf");
 const TINEUVOX: Entry = Entry::new("tineuvox");
 const K_PLANES: Entry = Entry::new("k-planes");
 const TWO_PARTS: Entry = Entry::new("two-parts");
+const GAUSSIANS: Entry =
+    Entry::new("4dgs").quick("start = 'random'\nstart_count = 200\nmax_splats = 300\nplane_vertices = 16");
 const ENDO_NERF: Entry = Entry::new("endo-nerf");
 
 /// Every system for scenes that move, and Nerfies without its parts.
@@ -56,6 +58,7 @@ const EVERYTHING: &[Entry] = &[
     TINEUVOX.aims(&[STATIC_LOSES, Aim::Faster("d-nerf", 10.0), RAYS, THIRTY]),
     K_PLANES,
     TWO_PARTS,
+    GAUSSIANS.aims(&[STATIC_LOSES, THIRTY]),
     D_NERF_PUBLISHED,
     NERFIES.without("nerfies, no elastic loss", "elastic = 0.0").aims(&[Aim::Costs(SPREAD)]),
     NERFIES.without("nerfies, all octaves from the start", "warp_anneal = 0").aims(&[Aim::Costs(SPREAD)]),
@@ -88,6 +91,7 @@ pub(super) const MOUTH: Group = Group {
         HYPERNERF.aims(&[Aim::Moving("nerfies", SPREAD)]),
         TINEUVOX,
         K_PLANES,
+        GAUSSIANS,
         HYPERNERF.without("hypernerf, no ambient coordinates", "ambient = 0").aims(&[Aim::Costs(SPREAD)]),
     ],
     film: None,
@@ -98,7 +102,7 @@ pub(super) const NR: Group = Group {
     path: "nr_nerf/example_sequence",
     holdout: Held::EveryFrom(8, 4),
     stop: Stop::Seconds(300.0),
-    entries: &[NGP, D_NERF, TINEUVOX, NERFIES, K_PLANES, TWO_PARTS, D_NERF_PUBLISHED],
+    entries: &[NGP, D_NERF, TINEUVOX, NERFIES, K_PLANES, TWO_PARTS, GAUSSIANS, D_NERF_PUBLISHED],
     film: None,
 };
 

@@ -6,7 +6,7 @@ use crate::cloud_motion::{DeformationField, MotionParts, MotionSettings, UnitBox
 use crate::fields::{FeatureSource, view_times};
 use crate::free_space::free_space_line;
 use crate::layout::Layout;
-use crate::plan::{Ask, Built, CloudPace, Ground, has_alpha};
+use crate::plan::{Ask, Built, CloudPace, DepthUse, Ground, check_still_camera, has_alpha};
 use crate::schedule::PlannedTime;
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
@@ -51,6 +51,9 @@ impl Recipe {
     /// A cloud at its start, and why it is as it is.
     pub(super) fn build(&'static self, mut ask: Ask<'_>) -> Built {
         let (scene, data, run) = (ask.scene, ask.data, ask.run);
+        if self.motion.is_some() {
+            check_still_camera(self.claim.name, data, run, DepthUse::None)?;
+        }
         let mut ground = Ground::of_clouds(scene, data, run)?;
         let planned = Planned::of(self, scene, data, run.stop, &mut ask.settings, &mut ground.lines)?;
         let asked = planned.asked(&scene.points, &mut ask.settings, run.seed)?;
