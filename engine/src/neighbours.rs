@@ -38,7 +38,7 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
-    /// Of some points.
+    /// Of some points, no more than `u32` can count. A place with a coordinate that is not finite has no neighbours.
     #[must_use]
     pub fn new(points: &[[f64; 3]]) -> Self {
         let node = |(i, &x): (usize, &[f64; 3])| Node { x, id: i as u32, axis: 0 };

@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 pub(crate) const NO_PARALLAX: &str = "accept_no_parallax";
 
 /// Whether a name of `--set` is read elsewhere, whatever the system.
-fn elsewhere(key: &str) -> bool {
+pub(crate) fn elsewhere(key: &str) -> bool {
     key == NO_PARALLAX || key == engine::photo_points::provide::SETTING
 }
 

@@ -104,7 +104,7 @@ impl Cli {
 fn systems_of(app: &App) -> String {
     let default = match app.default_system {
         DefaultSystem::Chosen(_) if app.family == Family::Moving => {
-            "without it `d-nerf` for things that are cut out, `two-parts` for places".into()
+            "without it `4dgs` for things that are cut out, `two-parts` for places".into()
         }
         DefaultSystem::Chosen(_) => "without it `ngp` or `splat`, whichever suits the scene".into(),
         DefaultSystem::Named(name) => format!("without it `{name}`"),

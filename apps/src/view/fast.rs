@@ -111,7 +111,7 @@ impl Fast {
     /// The cloud for a picture; where there is none it is wanted from now on.
     pub(crate) fn cloud(&self, query: &Query) -> Option<Arc<Cropped>> {
         let key = self.key(query);
-        if self.is_its_own && !self.lock().ready.iter().any(|ready| ready.key == key) {
+        if self.is_its_own && !self.lock().ready.iter().any(|ready| ready.key == key && ready.is_new) {
             self.add_own(query);
         }
         let mut state = self.lock();

@@ -18,7 +18,7 @@ pub(super) struct Coherence {
 
 impl Coherence {
     /// Add the gradient with respect to the displacements, the first three rows of `bar` `[rows][n]`. `places` `[3][n]`, and
-    /// displacements the first three rows of `offsets` `[rows][n]`; the mean is over `of` pairs.
+    /// displacements the first three rows of `offsets` `[rows][n]`; the sum is divided by `of`.
     pub(super) fn add(&self, places: &[f32], offsets: &[f32], n: usize, of: usize, bar: &mut [f32]) {
         let per_square = 1.0 / (self.reach * self.reach);
         let scale = 2.0 * self.factor * per_square / of.max(1) as f32;

@@ -37,7 +37,7 @@ const SETTINGS: MotionSettings = MotionSettings {
     motion_feature_lr: 1e-2,
     motion_feature_lr_end: 1e-3,
     motion_coherence: 0.0,
-    motion_reach: 0.1,
+    motion_reach: 2.0,
 };
 
 fn planes() -> PlaneGridSource {

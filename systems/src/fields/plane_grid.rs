@@ -240,7 +240,7 @@ impl PlaneGridFeatures {
                 let n = points.len() / self.planes.in_rows();
                 for q in &points[plane.axes[1] * n..][..n] {
                     // One row more on either side: the last digit is the kernel's.
-                    let row = ((0.5 * q + 0.5) * last as f32) as usize;
+                    let row = (((0.5 * q + 0.5) * last as f32) as usize).min(last);
                     (row.saturating_sub(1)..=row + 2).for_each(|row| rows[row.min(last)] = true);
                 }
             }

@@ -36,14 +36,23 @@ impl Views {
         match self.renderer(&drawn, query).layers(camera, query, &self.buffers) {
             Ok((mut layers, skipped)) => {
                 self.note(&skipped);
-                if query.layers.canonical == Canonical::Compute {
-                    let seen = layers.canonical.clone();
-                    self.canonical_points(&seen, query.time, &mut layers.canonical);
-                }
+                self.canonical_layer(query, &mut layers);
                 layers
             }
             Err(_) => Layers::nothing(camera.width as usize * camera.height as usize, query),
         }
+    }
+
+    /// Canonical points of a picture that is drawn, in the place of those at its time.
+    fn canonical_layer(&self, query: &Query, layers: &mut Layers) {
+        if query.layers.canonical == Canonical::Compute {
+            let seen = layers.canonical.clone();
+            self.canonical_points(&seen, query.time, &mut layers.canonical);
+        }
+    }
+
+    fn cloud_parameters(&self) -> usize {
+        self.parts.clouds.iter().map(|cloud| cloud.parameter_count()).sum()
     }
 
     /// A picture of one ray: a camera of one pixel along it.
@@ -51,9 +60,13 @@ impl Views {
         let camera = one_pixel(ray, radius);
         let drawn = self.drawn(clouds);
         // Not counted: rays are what a picture is made of where there is nothing better.
-        self.renderer(&drawn, query)
-            .layers(&camera, query, &self.buffers)
-            .map_or_else(|_| Layers::nothing(1, query), |(layers, _)| layers)
+        match self.renderer(&drawn, query).layers(&camera, query, &self.buffers) {
+            Ok((mut layers, _)) => {
+                self.canonical_layer(query, &mut layers);
+                layers
+            }
+            Err(_) => Layers::nothing(1, query),
+        }
     }
 }
 
@@ -186,10 +199,9 @@ impl System for Views {
     }
 
     fn parameter_count(&self) -> usize {
-        let clouds: usize = self.parts.clouds.iter().map(|cloud| cloud.parameter_count()).sum();
         let appearance = self.parts.appearance.as_ref().map_or(0, |part| part.parameter_count());
         let motion = self.parts.motion.as_ref().map_or(0, |part| part.parameter_count());
-        clouds + appearance + motion
+        self.cloud_parameters() + appearance + motion
     }
 
     fn memory_bytes(&self) -> usize {
@@ -198,7 +210,9 @@ impl System for Views {
         let clouds: usize = self.parts.clouds.iter().map(|cloud| cloud.bytes(cloud.parameters.len())).sum();
         let appearance = self.parts.appearance.as_ref().map_or(0, |part| part.parameter_count());
         let motion = self.parts.motion.as_ref().map_or(0, |part| part.parameter_count());
-        clouds + (appearance + motion) * LEARNT_BYTES + self.sizes.bytes() + free_space
+        // A cloud that moves is there twice, where it is canonical and at the time of a photo.
+        let copies = if self.parts.motion.is_some() { self.cloud_parameters() * size_of::<f32>() } else { 0 };
+        clouds + copies + (appearance + motion) * LEARNT_BYTES + self.sizes.bytes() + free_space
     }
 
     fn growth_bytes(&self) -> usize {
