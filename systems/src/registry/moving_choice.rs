@@ -53,7 +53,7 @@ pub fn choose_moving(_: &Scene, data: &Dataset, run: &RunOptions, purpose: Purpo
         return Ok(Choice::new(system, format!("`{key}` is a setting of it alone")));
     }
     if !has_alpha(data)? {
-        // Where a cloud would begin is told by alpha.
+        // A cloud begins where alpha shows something; without alpha it would begin anywhere.
         return Ok(match backdrop(data)? {
             Some(_) => Choice::new(THING, "photos show what is empty, by one colour"),
             None => Choice::new(FILM, "photos show a place, not a thing that is cut out"),

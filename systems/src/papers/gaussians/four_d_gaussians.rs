@@ -14,16 +14,14 @@
 //! [`crate::cloud_motion`]. Opacities and colours move with `--set motion_opacity=true`, `motion_colour=true`, as released for films of
 //! many cameras. What differs from the paper, and why: `docs/decisions/0061-four-dimensional-gaussians.md`.
 
-use super::recipe::{HORIZON, Recipe};
+use super::recipe::Recipe;
+use super::splat;
 use super::start::StartKind;
 use crate::claims::Claim;
 use crate::cloud_motion::{MotionParts, MotionSettings};
 use crate::fields::{PlaneGridSettings, PlaneGridSource};
 use crate::plan::{Ask, Built};
-use crate::views::{
-    AdcConfig, CloudConfig, CloudRates, DensityConfig, DensityKind, L1DssimConfig, McmcConfig, PictureConfig,
-    PlannedDensity, SplitConfig, WideningKind,
-};
+use crate::views::{CloudConfig, L1DssimConfig};
 use std::sync::Arc;
 
 /// What differs from the paper.
@@ -38,39 +36,6 @@ pub(crate) const CLAIM: Claim = Claim {
     mark: "axis splits, 16 features, own rates",
 };
 
-const CLOUD: CloudConfig = CloudConfig {
-    centre: [0.0; 3],
-    radius: 1.0,
-    max_splats: 30_000,
-    near_size: 0.3,
-    sh_degree: 3,
-    sh_every: HORIZON / 20,
-};
-const RATES: CloudRates = CloudRates {
-    horizon: HORIZON,
-    fade_from: 0.7,
-    fade_to: 0.1,
-    lr_mean: 1.6e-4,
-    lr_mean_end: 1.6e-5,
-    lr_dc: 5e-3,
-    lr_logit: 0.05,
-    lr_scale: 1e-2,
-    lr_rotation: 1e-3,
-};
-const DENSITY: PlannedDensity = PlannedDensity {
-    schedule: DensityConfig {
-        density: DensityKind::Split,
-        densify_from: 300,
-        densify_until: HORIZON / 5 * 4,
-        densify_every: 100,
-        free_space: false,
-    },
-    adc: AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune_size: 0.0 },
-    split: SplitConfig { densify_gradient: 1e-4, opacity_decay: 0.9, refill: 0.0 },
-    mcmc: McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e5 },
-};
-const PICTURES: PictureConfig =
-    PictureConfig { near: 0.01, widening: WideningKind::Dims, smoothing: 0.0, coarse: 0, coarse_steps: HORIZON / 4 };
 /// Equation 8 has no structural similarity.
 const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.0 };
 
@@ -107,14 +72,14 @@ fn motion(times: Arc<[f32]>) -> MotionParts {
     MotionParts { settings: MOTION, features: PlaneGridSource::new(planes(), times) }
 }
 
-/// The system.
+/// The cloud is that of `splat`, of fewer Gaussians; only what moves it, and the loss, are its own.
 static RECIPE: Recipe = Recipe {
     claim: CLAIM,
     start: StartKind::Random,
-    cloud: CLOUD,
-    rates: RATES,
-    density: DENSITY,
-    pictures: PICTURES,
+    cloud: CloudConfig { max_splats: 30_000, ..splat::CLOUD },
+    rates: splat::RATES,
+    density: splat::CONTROL,
+    pictures: splat::PICTURES,
     loss: LOSS,
     motion: Some(motion),
 };

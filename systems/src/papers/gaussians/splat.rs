@@ -39,7 +39,7 @@ pub(crate) const CLAIM: Claim = Claim {
     mark: "axis splits, no opacity reset",
 };
 
-const CLOUD: CloudConfig = CloudConfig {
+pub(super) const CLOUD: CloudConfig = CloudConfig {
     centre: [0.0; 3],
     radius: 1.0,
     max_splats: 100_000,
@@ -49,7 +49,7 @@ const CLOUD: CloudConfig = CloudConfig {
 };
 /// Rates of sizes and colours are twice those of the released code's `OptimizationParams`, the last one of centres ten times: there
 /// are fewer steps. All fade at the end, which the paper's do not.
-const RATES: CloudRates = CloudRates {
+pub(super) const RATES: CloudRates = CloudRates {
     horizon: HORIZON,
     fade_from: 0.7,
     fade_to: 0.1,
@@ -75,13 +75,13 @@ const ADC: AdcConfig = AdcConfig { densify_gradient: 2e-4, reset_every: 0, prune
 const MCMC: McmcConfig = McmcConfig { mcmc_cost: 0.01, mcmc_noise: 5e5 };
 /// Smaller pictures at first, and opacity that falls with the area that a pixel's width adds (Yu et al., "Mip-Splatting", 2024, section
 /// 4.2), are not of the paper; how small, and for how long, is planned.
-const PICTURES: PictureConfig =
+pub(super) const PICTURES: PictureConfig =
     PictureConfig { near: 0.01, widening: WideningKind::Dims, smoothing: 0.0, coarse: 0, coarse_steps: HORIZON / 4 };
 /// Equation 7.
 const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.2 };
 
 /// What is planned of the density control.
-const CONTROL: PlannedDensity = PlannedDensity { schedule: DENSITY, adc: ADC, split: SPLIT, mcmc: MCMC };
+pub(super) const CONTROL: PlannedDensity = PlannedDensity { schedule: DENSITY, adc: ADC, split: SPLIT, mcmc: MCMC };
 
 /// The system.
 static RECIPE: Recipe = Recipe {

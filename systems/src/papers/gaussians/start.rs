@@ -154,31 +154,10 @@ impl CountConfig {
             unless(count > 0, "start_count", count, "must be at least 1 where they start at random"),
         ])
     }
-
-    /// The cloud at random places, where photos do not rule them out.
-    fn random(
-        &self,
-        cloud: &CloudConfig,
-        layout: &Layout,
-        frame: &CloudFrame,
-        data: &Dataset,
-        seeing: Seeing,
-        seed: u64,
-    ) -> Result<Start, SystemError> {
-        let count = self.start_count.min(cloud.max_splats);
-        let one = Gaussians::new(0, cloud.sh_degree).map_err(refused)?.parameters_per_gaussian();
-        room_for("start_count", count, count.saturating_mul(one))?;
-        let hull = match seeing {
-            Seeing::OneTime => VisualHull::new(data)?,
-            Seeing::ManyTimes => VisualHull::of_many_times(data)?,
-        };
-        let options = StartOptions { random: self.start_count, ..options(cloud, seed) };
-        Start::random(scene_box(layout, data), frame, &options, |x| hull.colour_at(x)).map_err(refused)
-    }
 }
 
 impl Places {
-    /// The cloud at its start.
+    /// The cloud at its start; at random places only where photos do not rule them out.
     pub(super) fn start(
         self,
         cloud: &CloudConfig,
@@ -188,10 +167,19 @@ impl Places {
         seeing: Seeing,
         seed: u64,
     ) -> Result<Start, SystemError> {
-        match self {
-            Self::Points(start) => Ok(start),
-            Self::Random(count) => count.random(cloud, layout, frame, data, seeing, seed),
-        }
+        let start_count = match self {
+            Self::Points(start) => return Ok(start),
+            Self::Random(CountConfig { start_count }) => start_count,
+        };
+        let count = start_count.min(cloud.max_splats);
+        let one = Gaussians::new(0, cloud.sh_degree).map_err(refused)?.parameters_per_gaussian();
+        room_for("start_count", count, count.saturating_mul(one))?;
+        let hull = match seeing {
+            Seeing::OneTime => VisualHull::new(data)?,
+            Seeing::ManyTimes => VisualHull::of_many_times(data)?,
+        };
+        let options = StartOptions { random: start_count, ..options(cloud, seed) };
+        Start::random(scene_box(layout, data), frame, &options, |x| hull.colour_at(x)).map_err(refused)
     }
 }
 
