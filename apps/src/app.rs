@@ -54,7 +54,7 @@ pub(crate) static DYNAMIC: App = App {
     demo_scene: "synthetic:orbit",
     demo_system: None,
     demo_folder: "runs/demo-dynamic",
-    demo_steps: 1000,
+    demo_steps: 4000,
 };
 
 /// `nerf-wild`.
