@@ -34,6 +34,8 @@ const WORDS: [Words; 4] = [
             ("eval", Some("eval_appearance")),
             ("render", Some("appearance")),
             ("render", Some("fit_camera")),
+            ("export", Some("appearance")),
+            ("export", Some("fit_camera")),
         ],
     },
     Words {

@@ -5,7 +5,7 @@ use super::words::{
     BackgroundWord, EmptyWord, Layer, MeshMethod, VideoWord, budget, frame_count, seconds, time_step, triangle_count,
 };
 use clap::Args;
-use engine::appearance::AppearancePath;
+use engine::appearance::{AppearancePath, PhotoAppearance};
 use engine::camera_path::PathKind;
 use engine::eval::EvalAppearance;
 use engine::time_path::TimePath;
@@ -140,6 +140,13 @@ pub(crate) struct Export {
     /// Time of a scene that moves: 0 is the first time step and 1 the last
     #[arg(long, default_value_t = 0.0, value_name = "T", value_parser = time_step, allow_hyphen_values = true)]
     pub(crate) time: f64,
+    /// Appearance of photos that differ: `mean` (the default), `image:NAME` (that of a training photo) or `fit:FILE` (fitted to
+    /// another photo); as in `render`, but for one appearance only
+    #[arg(long, value_name = "APPEARANCE")]
+    pub(crate) appearance: Option<PhotoAppearance>,
+    /// Frame whose camera took the photo of `fit:FILE`
+    #[arg(long, value_name = "NAME", requires = "appearance")]
+    pub(crate) fit_camera: Option<String>,
     /// Points wanted, about
     #[arg(long, default_value_t = 200_000, value_name = "N")]
     pub(crate) count: usize,

@@ -41,13 +41,14 @@ const OF_WILD: [&str; 4] =
     ["demo --field mlp", "train s --out d --field ngp", "masks d --out m --every 4 --empty-class left-out", "masks d"];
 
 /// Of systems for photos that differ in appearance, of a scene that stands still or that moves.
-const OF_APPEARANCE: [&str; 6] = [
+const OF_APPEARANCE: [&str; 7] = [
     "train s --out d --eval-appearance fit",
     "eval d --eval-appearance encode:whole",
     "eval d --eval-appearance image:train/r_0.png",
     "eval d --eval-appearance nearest",
     "render d --path orbit --out e --appearance mean",
     "render d --path hold:a --out e --appearance image:a..fit:../b.png --fit-camera b",
+    "export d --splats a.ply --appearance image:a",
 ];
 
 #[test]
@@ -123,6 +124,7 @@ fn help_shows_the_words_of_the_app_alone() {
             ("eval --help", "--eval-appearance"),
             ("render --help", "--appearance"),
             ("render --help", "--fit-camera"),
+            ("export --help", "--appearance"),
         ] {
             assert_eq!(help(line).contains(word), has_appearance, "{}: {line}: {word}", app.name);
         }

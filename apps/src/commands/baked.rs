@@ -5,25 +5,24 @@ use crate::show::{Show, line};
 use engine::output::Disk;
 use engine::progress::{Event, Observer};
 use engine::run::Run;
-use engine::system::{Query, Splats};
+use engine::system::{Appearance, Query, Splats};
 use systems::bake::{BakeOptions, bake, load, store};
 
-/// The cloud of a run at a time; `None` where a stop was asked for. A baked one is kept in the run folder, where the viewer finds
-/// it.
-pub(super) fn splats(run: &Run<'_>, time: f64, show: &mut Show) -> Result<Option<Splats>, Failure> {
-    let query = Query { time, ..run.query() };
-    if let Some(splats) = run.system.splats(&query) {
+/// The cloud of a run, at the time and in the appearance of a query; `None` where a stop was asked for. A baked one of a scene that
+/// stands still, in the mean appearance, is kept in the run folder, where the viewer finds it.
+pub(super) fn splats(run: &Run<'_>, query: &Query, show: &mut Show) -> Result<Option<Splats>, Failure> {
+    if let Some(splats) = run.system.splats(query) {
         return Ok(Some(splats));
     }
-    let is_still = run.train.time_steps() <= 1;
-    let kept = if is_still { load(&run.folder, run.step) } else { None };
+    let is_kept = run.train.time_steps() <= 1 && query.appearance == Appearance::Mean;
+    let kept = if is_kept { load(&run.folder, run.step) } else { None };
     let baked = match kept {
         Some(baked) => baked,
         None => {
             show.event(Event::Note("baking the field into Gaussians"));
-            let made = bake(run.system.as_ref(), &run.train, &query, &BakeOptions::DEFAULT, &|| !show.stop_asked())?;
+            let made = bake(run.system.as_ref(), &run.train, query, &BakeOptions::DEFAULT, &|| !show.stop_asked())?;
             let Some(baked) = made else { return Ok(None) };
-            if is_still && let Err(e) = store(&Disk, &run.folder, run.step, &baked) {
+            if is_kept && let Err(e) = store(&Disk, &run.folder, run.step, &baked) {
                 // Only the next export and the viewer would have been faster.
                 crate::show::note(&format!("the baked cloud is not kept: {e}"));
             }

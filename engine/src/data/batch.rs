@@ -80,6 +80,13 @@ pub struct Batch {
 }
 
 impl Batch {
+    /// The colours over one background.
+    #[must_use]
+    pub fn over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
+        let over = |(rgb, alpha): (&[f32; 3], &f32)| [0, 1, 2].map(|c| rgb[c] * alpha + background[c] * (1.0 - alpha));
+        self.rgb.iter().zip(&self.alpha).map(over).collect()
+    }
+
     /// Number of rays.
     pub fn len(&self) -> usize {
         self.rays.len()

@@ -6,9 +6,9 @@
 //! ```
 
 use crate::buffers::sized;
-use crate::fields::{fold_gradients, xavier};
+use crate::fields::RowNetwork;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
-use field_core::mlp::{Activation, Mlp, MlpConfig, Packed};
+use field_core::mlp::{Activation, MlpConfig};
 use field_core::rng::Rng;
 use float_core::Simd;
 use optim::{Adam, AdamConfig};
@@ -22,22 +22,15 @@ const NAME: &str = "motion.networks";
 
 /// The networks, and their optimiser.
 pub(super) struct Decoder {
-    trunk: Network,
+    trunk: RowNetwork,
     heads: Vec<Head>,
     params: Vec<f32>,
     adam: Adam,
 }
 
-/// A network, and where its parameters lie in those of all.
-struct Network {
-    mlp: Mlp,
-    packed: Packed,
-    range: Range<usize>,
-}
-
 /// The network of one kind of offset.
 struct Head {
-    network: Network,
+    network: RowNetwork,
     field: Field,
     rows: Range<usize>,
 }
@@ -72,7 +65,7 @@ impl Decoder {
     ) -> Result<Self, SystemError> {
         let mut params = Vec::new();
         let trunk = MlpConfig::new(features, vec![width; layers], width).with_output_activation(Activation::Relu);
-        let trunk = Network::new(&trunk, rng.substream(0), &mut params)?;
+        let trunk = RowNetwork::new(&trunk, rng.substream(0), &mut params).map_err(|e| refused(&e))?;
         let one = Gaussians::new(1, degree).map_err(|e| refused(&e))?;
         let of_one =
             |field: Field| one.fields().iter().find(|(name, _)| *name == field).map_or(0, |(_, row)| row.len());
@@ -84,10 +77,9 @@ impl Decoder {
             }
             first = rows.end;
             let config = MlpConfig::new(width, vec![width], rows.len());
-            let network = Network::new(&config, rng.substream(k as u64 + 1), &mut params)?;
-            if let Some(last) = network.mlp.layers().last() {
-                params[network.range.clone()][last.weights.clone()].fill(0.0);
-            }
+            let network =
+                RowNetwork::new(&config, rng.substream(k as u64 + 1), &mut params).map_err(|e| refused(&e))?;
+            network.begin_at_zero(&mut params);
             heads.push(Head { network, field, rows });
         }
         let mut new = Self { trunk, heads, adam: Adam::new(params.len(), ADAM), params };
@@ -116,7 +108,7 @@ impl Decoder {
     ) {
         let DecoderScratch { hidden, scratch, .. } = scratch;
         let networks = std::iter::once(&self.trunk).chain(self.heads.iter().map(|head| &head.network));
-        let room = networks.map(|network| network.mlp.infer_scratch_len()).max().unwrap_or(0);
+        let room = networks.map(RowNetwork::infer_scratch_len).max().unwrap_or(0);
         let (hidden, scratch) = (sized(hidden, self.width() * n), sized(scratch, room));
         self.trunk.infer(simd, features, n, hidden, scratch);
         for head in &self.heads {
@@ -164,8 +156,7 @@ impl Decoder {
         let mut packed = Vec::new();
         let networks = std::iter::once(&self.trunk).chain(self.heads.iter().map(|head| &head.network));
         for (k, network) in networks.enumerate() {
-            let each = chunks.iter().map(|chunk| &chunk[k][..]);
-            fold_gradients(&network.mlp, each, &mut packed, &mut gradient[network.range.clone()]);
+            network.fold(chunks.iter().map(|chunk| &chunk[k][..]), &mut packed, &mut gradient);
         }
         gradient
     }
@@ -202,48 +193,13 @@ impl Decoder {
     }
 
     fn width(&self) -> usize {
-        self.trunk.mlp.outputs()
+        self.trunk.outputs()
     }
 
     fn pack(&mut self) {
         for network in std::iter::once(&mut self.trunk).chain(self.heads.iter_mut().map(|head| &mut head.network)) {
-            network.mlp.pack(&self.params[network.range.clone()], &mut network.packed);
+            network.pack(&self.params);
         }
-    }
-}
-
-impl Network {
-    fn new(config: &MlpConfig, rng: Rng, params: &mut Vec<f32>) -> Result<Self, SystemError> {
-        let mlp = Mlp::new(config).map_err(|e| refused(&e))?;
-        let first = params.len();
-        params.extend(xavier(&mlp, rng));
-        Ok(Self { range: first..params.len(), mlp, packed: Packed::default() })
-    }
-
-    fn infer(&self, simd: Simd, x: &[f32], n: usize, y: &mut [f32], scratch: &mut [f32]) {
-        self.mlp.infer(simd, &self.packed, x, n, n, y, n, scratch);
-    }
-
-    /// Returns what [`backward`](Self::backward) needs.
-    fn forward<'a>(&self, simd: Simd, x: &[f32], n: usize, y: &mut [f32], acts: &'a mut Vec<f32>) -> &'a [f32] {
-        let acts = sized(acts, self.mlp.activations_len(n));
-        self.mlp.forward(simd, &self.packed, x, n, n, y, n, acts);
-        acts
-    }
-
-    fn backward(
-        &self,
-        simd: Simd,
-        acts: &[f32],
-        y_bar: &[f32],
-        n: usize,
-        x_bar: &mut [f32],
-        scratch: &mut Vec<f32>,
-    ) -> Vec<f32> {
-        let mut gradient = vec![0.0; self.mlp.packed_grad_len()];
-        let scratch = sized(scratch, self.mlp.backward_scratch_len());
-        self.mlp.backward(simd, &self.packed, acts, y_bar, n, n, Some((x_bar, n)), &mut gradient, scratch);
-        gradient
     }
 }
 

@@ -38,7 +38,25 @@ pub struct OutlierConfig {
     pub patch_inner: usize,
 }
 
+/// Photos below this longest side are judged by patches of half the size.
+pub(crate) const SMALL_PHOTO: u32 = 320;
+
 impl OutlierConfig {
+    /// Trimming as published (Sabour et al., "RobustNeRF", 2023, section 4.2): the median, a vote of half the 3x3 neighbours, and of 0.6 of
+    /// a 16x16 patch on its 8x8 inner block. Of photos of a small `longest` side patches are half as large.
+    #[must_use]
+    pub(crate) fn of_photos(longest: u32) -> Self {
+        let share = if longest < SMALL_PHOTO { 2 } else { 1 };
+        Self {
+            judge_scale: 4.0,
+            trim_quantile: 0.5,
+            trim_diffuse: 0.5,
+            trim_vote: 0.6,
+            patch: 16 / share,
+            patch_inner: 8 / share,
+        }
+    }
+
     /// # Errors
     /// [`SystemError::Config`] naming the setting that cannot work.
     pub fn check(&self) -> Result<(), SystemError> {

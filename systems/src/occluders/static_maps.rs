@@ -26,7 +26,7 @@ impl StaticMap {
     }
 
     /// Whether pixel `(x, y)` is static. What lies beyond the last whole square is as that square.
-    fn at(&self, x: usize, y: usize) -> u8 {
+    pub(crate) fn at(&self, x: usize, y: usize) -> u8 {
         let height = self.bits.len().checked_div(self.width).unwrap_or(0);
         if height == 0 {
             return 1;
@@ -54,6 +54,11 @@ impl StaticMaps {
                 *weight = 0.0;
             }
         }
+    }
+
+    /// A view's map; `None` before maps are found.
+    pub(crate) fn of(&self, view: usize) -> Option<&StaticMap> {
+        self.0.get(view)
     }
 
     /// A view's map, one value a pixel.

@@ -7,8 +7,8 @@ use crate::views::start::Place;
 use crate::views::{Views, first_of, positive, unless};
 use engine::data::Dataset;
 use engine::system::{
-    FlowSource, Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap, take_counts,
-    u64_tensor,
+    Appearance, Fit, FlowSource, Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap,
+    take_counts, u64_tensor,
 };
 use rayon::prelude::*;
 use render_core::camera::Camera;
@@ -103,7 +103,9 @@ impl Proxied {
     /// Number of steps after which the cloud is shown instead of the field.
     fn shown_until(&self) -> u64 {
         let of_field = self.terms.config.field_steps;
-        of_field.saturating_add(BEGUN.min(of_field))
+        // The codes of the field are not those of the cloud: what is shown and what codes are asked for is one of them.
+        let begun = if self.cloud.has_codes() { 0 } else { BEGUN.min(of_field) };
+        of_field.saturating_add(begun)
     }
 
     /// Whether the field is asked for anything in the next step or a later one, or looked at after this one.
@@ -219,6 +221,22 @@ impl System for Proxied {
 
     fn splats(&self, query: &Query) -> Option<Splats> {
         self.current().splats(query)
+    }
+
+    fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
+        self.shown().appearance_code(appearance)
+    }
+
+    fn fit_appearance(&self, pixels: &Fit<'_>) -> Option<Vec<f32>> {
+        self.shown().fit_appearance(pixels)
+    }
+
+    fn visibility(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        self.current().visibility(data, view)
+    }
+
+    fn prepass(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
+        self.cloud.prepass(data, view, stride)
     }
 
     fn canonical(&self, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {

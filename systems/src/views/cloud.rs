@@ -40,7 +40,8 @@ impl TrainedCloud {
     /// [`SplatError`] for fields of the wrong length.
     pub(crate) fn new(training: CloudTraining, index: usize, start: &Gaussians) -> Result<Self, SplatError> {
         let gaussians = morton_order(start).and_then(|rows| rows.follow(start))?;
-        let parameters = CloudParameters::new(gaussians, training.extra.rows);
+        let extra = training.extra.at_start(&gaussians);
+        let parameters = CloudParameters { extra, ..CloudParameters::new(gaussians, training.extra.rows) };
         Ok(Self::restored(training, index, parameters))
     }
 
@@ -58,7 +59,7 @@ impl TrainedCloud {
         self.density.count_from_outside(steps, self.parameters.len(), self.training.cloud.max_splats)
     }
 
-    /// Put in Gaussians of the frame of training, behind those that are there. Extra rows of theirs are 0.
+    /// Put in Gaussians of the frame of training, behind those that are there.
     ///
     /// # Errors
     /// [`SplatError`] for fields of the wrong length, or more than can be counted.
@@ -70,8 +71,11 @@ impl TrainedCloud {
         let rows = Rows::and_fresh(n, more.len())?;
         self.parameters.gaussians = joined(&[&self.parameters.gaussians, more]);
         self.parameters.follow_extra(&rows)?;
-        let all = rows.len().max(1);
-        self.parameters.extra.chunks_exact_mut(all).for_each(|row| row[n..].fill(0.0));
+        let (all, new) = (rows.len().max(1), more.len().max(1));
+        let extra = self.training.extra.at_start(more);
+        for (row, start) in self.parameters.extra.chunks_exact_mut(all).zip(extra.chunks_exact(new)) {
+            row[n..].copy_from_slice(start);
+        }
         self.optimiser.follow(&rows, self.parameters.gaussians.degree())?;
         self.density.follow(&rows)?;
         self.gradient = self.parameters.clone();

@@ -1,9 +1,10 @@
 //! Settings of the driver's parts, each with what it does. Lengths are in *internal* units: the extent of the cameras is 1.
 
+use super::place_codes::PlaceCodes;
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 use splat_core::density::SizeLimit;
-use splat_core::{MAX_DEGREE, RasterSettings, Widening};
+use splat_core::{Gaussians, MAX_DEGREE, RasterSettings, Widening};
 
 /// More Gaussians than this have no memory anywhere near a CPU.
 pub(crate) const MOST: usize = 50_000_000;
@@ -176,6 +177,32 @@ pub(crate) struct ExtraRows {
     pub(crate) composited: usize,
     /// Their learning rate.
     pub(crate) rate: f64,
+    /// What they are where a Gaussian begins.
+    pub(crate) start: RowStart,
+}
+
+/// What extra rows are where a Gaussian begins.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) enum RowStart {
+    /// 0.
+    #[default]
+    Zero,
+    /// The code of the place where it begins.
+    Place(PlaceCodes),
+}
+
+impl ExtraRows {
+    /// `[rows][n]`, where the Gaussians of a cloud begin.
+    pub(super) fn at_start(&self, cloud: &Gaussians) -> Vec<f32> {
+        match self.start {
+            RowStart::Zero => vec![0.0; self.rows * cloud.len()],
+            RowStart::Place(codes) => {
+                let mut rows = codes.rows(cloud);
+                rows.resize(self.rows * cloud.len(), 0.0);
+                rows
+            }
+        }
+    }
 }
 
 /// [`Widening`] as a word.

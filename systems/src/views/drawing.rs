@@ -130,7 +130,7 @@ impl Projections {
         }
     }
 
-    /// The features of all clouds, written to `out`: colours, depth, extra rows, zeros.
+    /// The features of all clouds, written to `out`: colours, depth, extra rows, colours before the appearance, zeros.
     pub(crate) fn features<const K: usize>(
         &self,
         clouds: &[DrawnCloud<'_>],
@@ -141,8 +141,8 @@ impl Projections {
         out.resize(self.gaussians().len(), [0.0; K]);
         for ((range, projection), cloud) in self.each().zip(clouds) {
             let n = cloud.gaussians.len();
-            let visible = projection.gaussians.par_iter().zip(&colours[range.clone()]).with_min_len(ROWS);
-            visible.zip(&mut out[range]).for_each(|((gaussian, rgb), features)| {
+            let visible = projection.gaussians.par_iter().zip(&projection.rgb).zip(&colours[range.clone()]);
+            visible.with_min_len(ROWS).zip(&mut out[range]).for_each(|(((gaussian, plain), rgb), features)| {
                 *features = [0.0; K];
                 features[..COLOUR].copy_from_slice(rgb);
                 if let Some(depth) = layout.depth_feature() {
@@ -150,6 +150,9 @@ impl Projections {
                 }
                 for (row, feature) in features[layout.first_extra()..].iter_mut().take(cloud.composited).enumerate() {
                     *feature = cloud.extra[row * n + gaussian.index as usize];
+                }
+                if layout.plain {
+                    features[layout.first_plain()..][..COLOUR].copy_from_slice(plain);
                 }
             });
         }

@@ -7,9 +7,9 @@ use super::config::PictureConfig;
 use super::density_control::ChangeTime;
 use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;
-use super::hooks::{CloudMotion, ColourAppearance, OfAppearance};
+use super::hooks::{CloudMotion, ColourAppearance, OfAppearance, RenderJudge, SurveyJudge};
 use super::memory::Pictures;
-use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, ViewSpaceGradient, picture_pass};
+use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, StepJudge, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
 use super::planes::PlaneLayout;
 use super::render::{CloudRenderer, RenderBuffers};
@@ -39,7 +39,7 @@ const BACKGROUNDS: u64 = 0x6261_636b;
 const SETTLE: u64 = 75;
 const SETTLE_SHARE: f64 = 0.75;
 /// Timed besides the parts of the pass.
-pub(super) const OWN: [&str; 3] = ["optimiser", "density control", "motion"];
+pub(super) const OWN: [&str; 4] = ["optimiser", "density control", "motion", "surveys"];
 
 /// What a system of Gaussians is made of.
 pub(crate) struct ViewParts {
@@ -56,6 +56,10 @@ pub(crate) struct ViewParts {
     pub(crate) weights: Vec<Box<dyn PixelWeight>>,
     /// Colours in the appearance of a photo; `None`: as the spherical harmonics are.
     pub(crate) appearance: Option<Box<dyn ColourAppearance>>,
+    /// Says which pixels of a photo show the scene, by its render; `None`: all do.
+    pub(crate) judge: Option<Box<dyn RenderJudge>>,
+    /// Says it by the renders of all photos, from time to time; `None`: all do.
+    pub(crate) surveys: Option<Box<dyn SurveyJudge>>,
     /// Clouds at a time; `None`: they stand still.
     pub(crate) motion: Option<Box<dyn CloudMotion>>,
     /// Which view-space gradients the density control is given.
@@ -116,6 +120,7 @@ impl Views {
         let layout = PlaneLayout {
             depth: parts.terms.iter().any(|term| term.reads_depth()),
             extras: parts.clouds.iter().map(|cloud| cloud.training.extra.composited).max().unwrap_or(0),
+            plain: parts.appearance.is_some() && parts.terms.iter().any(|term| term.reads_plain()),
         };
         let pass = picture_pass(simd, layout).ok_or_else(|| SystemError::Config {
             field: "system",
@@ -186,6 +191,9 @@ impl Views {
         for part in &self.parts.weights {
             part.weigh(&photo, &mut self.target.weights);
         }
+        if let Some(surveys) = &self.parts.surveys {
+            surveys.weigh(&photo, &mut self.target.weights);
+        }
         self.seconds[0] += clock.elapsed().as_secs_f64();
         Ok(Shown { view, time: data.view(view).time, camera, background })
     }
@@ -226,7 +234,7 @@ impl Views {
         let target =
             TargetPicture { view: shown.view, colour: &self.target.colour, weights: self.target.weights.get() };
         let camera = StepCamera { view, settings: &settings, background: shown.background };
-        let ViewParts { clouds, terms, appearance, motion, view_space, .. } = &mut self.parts;
+        let ViewParts { clouds, terms, appearance, judge, motion, view_space, .. } = &mut self.parts;
         // Gradients beside the clouds they are of.
         let mut gradients: Vec<CloudParameters> =
             clouds.iter_mut().map(|cloud| std::mem::take(&mut cloud.gradient)).collect();
@@ -243,12 +251,18 @@ impl Views {
         let mut parts = LossParts {
             terms,
             appearance: appearance.as_deref_mut(),
+            judge: judge.as_deref().map(|judge| StepJudge { judge, step }),
+            judged: None,
             view_space: *view_space,
             camera: camera_gradient,
             seconds: &mut seconds,
         };
         let outcome = self.pass.run(&drawn, &camera, &target, &mut parts, &mut gradients).map_err(refused);
+        let judged = parts.judged;
         drop(drawn);
+        if let Some(judged) = judged {
+            self.target.weights.set(judged);
+        }
         if let Some(smoothing) = &mut self.smoothing {
             smoothing.restore(of_picture(clouds, &mut moved));
             for (index, (cloud, bar)) in of_picture(clouds, &mut moved).zip(&mut gradients).enumerate() {
@@ -347,6 +361,7 @@ impl Views {
         if data.is_empty() {
             return Ok(StepStats::default());
         }
+        self.survey(data, step)?;
         let shown = self.show(data, step)?;
         let view = view(&shown.camera, &self.parts.frame);
         let blank = self.target.weights.are_zero();
@@ -376,6 +391,11 @@ impl Views {
                 .map(|part| OfAppearance { part, appearance: &query.appearance }),
             simd: self.simd,
         }
+    }
+
+    /// A survey took so many seconds.
+    pub(super) fn seconds_of_survey(&mut self, seconds: f64) {
+        self.seconds[PARTS.len() + 3] += seconds;
     }
 
     /// Work was skipped.

@@ -3,16 +3,16 @@
 use super::cloud::{CloudTraining, TrainedCloud};
 use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::CloudParameters;
-use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, WideningKind};
+use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, RowStart, WideningKind};
 use super::density_config::{AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules};
 use super::drawing::DrawnCloud;
 use super::driver::{ViewParts, Views};
-use super::hooks::{CloudMotion, ColourAppearance, Learns};
+use super::hooks::{CloudMotion, ColourAppearance, ColourBars, Learns};
 use super::pass::ViewSpaceGradient;
 use super::photo::view;
 use super::planes::{PlaneBars, RenderedPicture};
 use super::smoothing::Smoothing;
-use super::terms::{DepthMap, DepthTerm, L1Dssim, L1DssimConfig, PictureTerm, TargetPicture};
+use super::terms::{DepthMap, DepthTerm, L1Dssim, L1DssimConfig, PictureTerm, Structure, TargetPicture};
 use super::weights::{PlaneWeight, WeightPlane, nearest};
 use crate::plan::made;
 use engine::data::Dataset;
@@ -32,6 +32,7 @@ const DSSIM: f32 = 0.3;
 const DEPTH: f32 = 0.7;
 const LABEL: f32 = 0.4;
 const GAIN: f64 = 0.6;
+const BASE: f64 = 0.3;
 const SPEED: f64 = 0.2;
 const BACKGROUND: [f32; 3] = [1.0; 3];
 /// Columns and rows of measured depths and of weights: any, of the whole picture.
@@ -69,8 +70,17 @@ impl PictureTerm for LabelTerm {
     }
 }
 
-/// Colours of the first cloud times `1 + gain * (second extra row)`.
+/// Colours of the first cloud times `1 + gain * (second extra row) + BASE * (coefficient of degree 0)`.
 struct Gain(Shared);
+
+impl Gain {
+    /// The factors of Gaussian `i`.
+    fn factors(cloud: &DrawnCloud<'_>, i: usize) -> [f32; 3] {
+        let n = cloud.gaussians.len();
+        let code = cloud.extra[n + i];
+        [0, 1, 2].map(|c| 1.0 + GAIN as f32 * code + BASE as f32 * cloud.gaussians.dc[c * n + i])
+    }
+}
 
 impl Learns for Gain {
     fn step(&mut self, _simd: Simd, _step: u64) -> usize {
@@ -89,6 +99,21 @@ impl Learns for Gain {
 }
 
 impl ColourAppearance for Gain {
+    fn code(&self, _appearance: &Appearance) -> Vec<f32> {
+        Vec::new()
+    }
+
+    fn code_bar(
+        &self,
+        _code: &[f32],
+        _cloud: &DrawnCloud<'_>,
+        _visible: &[ProjectedGaussian],
+        _rgb: &[[f32; 3]],
+        _bar: &mut [[f32; 3]],
+    ) -> Vec<f32> {
+        Vec::new()
+    }
+
     fn forward(
         &self,
         _appearance: &Appearance,
@@ -98,8 +123,8 @@ impl ColourAppearance for Gain {
     ) {
         if cloud.index == 0 {
             for (f, rgb) in visible.iter().zip(rgb) {
-                let code = cloud.extra[cloud.gaussians.len() + f.index as usize];
-                *rgb = rgb.map(|c| c * (1.0 + GAIN as f32 * code));
+                let factors = Self::factors(cloud, f.index as usize);
+                (0..3).for_each(|c| rgb[c] *= factors[c]);
             }
         }
     }
@@ -110,16 +135,17 @@ impl ColourAppearance for Gain {
         cloud: &DrawnCloud<'_>,
         visible: &[ProjectedGaussian],
         rgb: &[[f32; 3]],
-        bar: &mut [[f32; 3]],
-        extra_bar: &mut [f32],
+        bars: ColourBars<'_>,
     ) {
         if cloud.index == 0 {
-            for ((f, rgb), bar) in visible.iter().zip(rgb).zip(bar) {
+            for (((f, rgb), bar), base) in visible.iter().zip(rgb).zip(bars.rgb).zip(bars.base) {
+                let factors = Self::factors(cloud, f.index as usize);
+                (0..3).for_each(|c| base[c] += BASE as f32 * rgb[c] * bar[c]);
                 let at = cloud.gaussians.len() + f.index as usize;
                 let along: f32 = (0..3).map(|c| rgb[c] * bar[c]).sum();
-                extra_bar[at] += GAIN as f32 * along;
+                bars.extra[at] += GAIN as f32 * along;
                 self.0.lock().unwrap().gain_bar += f64::from(cloud.extra[at] * along);
-                *bar = bar.map(|b| b * (1.0 + GAIN as f32 * cloud.extra[at]));
+                (0..3).for_each(|c| bar[c] *= factors[c]);
             }
         }
     }
@@ -222,7 +248,7 @@ fn depth_map() -> DepthMap {
 }
 
 pub(super) fn system(data: &Dataset, shared: &Shared, view_space: ViewSpaceGradient) -> Views {
-    let rows = ExtraRows { rows: 2, composited: 1, rate: 0.0 };
+    let rows = ExtraRows { rows: 2, composited: 1, rate: 0.0, start: RowStart::Zero };
     let mut clouds = vec![
         TrainedCloud::new(training(rows), 0, &cloud(5, 1, 1)).unwrap(),
         TrainedCloud::new(training(ExtraRows::default()), 1, &cloud(3, 1, 2)).unwrap(),
@@ -244,12 +270,14 @@ pub(super) fn system(data: &Dataset, shared: &Shared, view_space: ViewSpaceGradi
         },
         clouds,
         terms: vec![
-            Box::new(L1Dssim::new(Simd::best(), &L1DssimConfig { dssim: DSSIM })),
+            Box::new(L1Dssim::new(Simd::best(), &L1DssimConfig { dssim: DSSIM }).with_structure(Structure::Plain)),
             Box::new(DepthTerm { factor: DEPTH, maps: vec![Some(depth_map()); views] }),
             Box::new(LabelTerm(shared.clone())),
         ],
         weights: vec![Box::new(PlaneWeight { planes: vec![Some(weight_plane()); views] })],
         appearance: Some(Box::new(Gain(shared.clone()))),
+        judge: None,
+        surveys: None,
         motion: Some(Box::new(Expansion(shared.clone()))),
         view_space,
         background: Background::White,
@@ -342,25 +370,31 @@ impl Twin {
                 reference::smooth(&mut moved, n, &self.filters[index]);
             }
             for mut ellipse in reference::project(&moved, n, 1, &self.camera, &self.rules) {
-                let mut label = 0.0;
+                let (mut label, plain) = (0.0, ellipse.rgb);
                 if index == 0 {
-                    ellipse.rgb = ellipse.rgb.map(|c| c * (1.0 + at.gain * at.extra[5 + ellipse.index]));
+                    // Rows of degree 0 come after three of places, three of sizes, four of rotations, one of opacities.
+                    let dc = |c: usize| moved[(11 + c) * n + ellipse.index];
+                    let factor = |c: usize| 1.0 + at.gain * at.extra[5 + ellipse.index] + BASE * dc(c);
+                    ellipse.rgb = [0, 1, 2].map(|c| plain[c] * factor(c));
                     label = at.extra[ellipse.index];
                 }
                 ellipse.index += 5 * index;
-                all.push((ellipse, label));
+                all.push((ellipse, label, plain));
             }
         }
         all.sort_by(|a, b| a.0.z.total_cmp(&b.0.z).then(a.0.index.cmp(&b.0.index)));
-        let ellipses: Vec<_> = all.iter().map(|(ellipse, _)| *ellipse).collect();
-        let labels: Vec<_> = all.iter().map(|(e, label)| reference::Ellipse { rgb: [*label; 3], ..*e }).collect();
+        let ellipses: Vec<_> = all.iter().map(|(ellipse, ..)| *ellipse).collect();
+        let labels: Vec<_> = all.iter().map(|(e, label, _)| reference::Ellipse { rgb: [*label; 3], ..*e }).collect();
+        let plain: Vec<_> = all.iter().map(|(e, _, rgb)| reference::Ellipse { rgb: *rgb, ..*e }).collect();
         let picture = reference::draw(&ellipses, [SIDE; 2], &self.rules).planes;
         let label = reference::draw(&labels, [SIDE; 2], &self.rules).planes;
+        let plain = reference::draw(&plain, [SIDE; 2], &self.rules).planes;
         let transmittance = &picture[4 * PIXELS..];
-        let colour: Vec<f64> = (0..3 * PIXELS)
-            .map(|i| picture[i] + transmittance[i % PIXELS] * f64::from(BACKGROUND[i / PIXELS]))
-            .collect();
-        let mut loss = l1_dssim(&colour, &self.photo, &self.weights);
+        let over = |planes: &[f64]| -> Vec<f64> {
+            let over = |i: usize| planes[i] + transmittance[i % PIXELS] * f64::from(BACKGROUND[i / PIXELS]);
+            (0..3 * PIXELS).map(over).collect()
+        };
+        let mut loss = l1_dssim(&over(&picture), &over(&plain), &self.photo, &self.weights);
         for i in 0..PIXELS {
             let opacity = 1.0 - transmittance[i];
             if opacity >= 0.05 && self.depth[i] > 0.0 {
@@ -373,13 +407,13 @@ impl Twin {
     }
 }
 
-/// `(1 - lambda) mean w |x - y| + lambda mean w (1 - s)`, 121 taps at every pixel.
-fn l1_dssim(x: &[f64], y: &[f64], weights: &[f64]) -> f64 {
+/// `(1 - lambda) mean w |t - y| + lambda mean w (1 - s)`, `s` of `x` and `y`: 121 taps at every pixel.
+fn l1_dssim(t: &[f64], x: &[f64], y: &[f64], weights: &[f64]) -> f64 {
     // What is left out is black in both.
     let used = |x: &[f64]| -> Vec<f64> {
         x.iter().enumerate().map(|(i, x)| if weights[i % PIXELS] == 0.0 { 0.0 } else { *x }).collect()
     };
-    let (x, y) = (&used(x)[..], &used(y)[..]);
+    let (t, x, y) = (&used(t)[..], &used(x)[..], &used(y)[..]);
     let raw = |d: i64| (-(d * d) as f64 / 4.5).exp();
     let total: f64 = (-5..=5).map(raw).sum();
     let (side, lambda) = (SIDE as i64, f64::from(DSSIM));
@@ -399,7 +433,7 @@ fn l1_dssim(x: &[f64], y: &[f64], weights: &[f64]) -> f64 {
         let [mx, my, xx, yy, xy] = m;
         let s = (2.0 * mx * my + 1e-4) * (2.0 * (xy - mx * my) + 9e-4)
             / ((mx * mx + my * my + 1e-4) * (xx - mx * mx + yy - my * my + 9e-4));
-        loss += weights[i % PIXELS] * ((1.0 - lambda) * (x[i] - y[i]).abs() + lambda * (1.0 - s));
+        loss += weights[i % PIXELS] * ((1.0 - lambda) * (t[i] - y[i]).abs() + lambda * (1.0 - s));
     }
     loss / x.len() as f64
 }

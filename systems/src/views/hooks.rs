@@ -2,6 +2,9 @@
 
 use super::cloud_parameters::CloudParameters;
 use super::drawing::DrawnCloud;
+use super::weights::{StepPhoto, Weights};
+use crate::photo_model::PhotoAndRender;
+use engine::data::Dataset;
 use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;
 use splat_core::ProjectedGaussian;
@@ -28,8 +31,21 @@ pub(crate) trait Learns: Send + Sync {
     fn parameter_count(&self) -> usize;
 }
 
+/// Gradients that an appearance gives back.
+pub(crate) struct ColourBars<'a> {
+    /// `[visible]`, with respect to the composited colours; becomes that with respect to those of the spherical harmonics.
+    pub(crate) rgb: &'a mut [[f32; 3]],
+    /// `[visible]`, with respect to the coefficients of degree 0, where the appearance reads these themselves; to be added to.
+    pub(crate) base: &'a mut [[f32; 3]],
+    /// `[rows][n]`, with respect to the extra rows of the cloud; to be added to.
+    pub(crate) extra: &'a mut [f32],
+}
+
 /// Appearance: the colours of Gaussians in the appearance of a photo, and gradients back.
 pub(crate) trait ColourAppearance: Learns {
+    /// The code of an appearance.
+    fn code(&self, appearance: &Appearance) -> Vec<f32>;
+
     /// Turn the colours of a cloud's visible Gaussians `[visible]`, as spherical harmonics give them, into those that are composited.
     fn forward(
         &self,
@@ -39,18 +55,27 @@ pub(crate) trait ColourAppearance: Learns {
         rgb: &mut [[f32; 3]],
     );
 
-    /// Backward twin of [`forward`](Self::forward), of the same `rgb` as it was given. `bar` `[visible]` is the gradient with respect to
-    /// the composited colours, and becomes that with respect to `rgb`. The gradient with respect to the extra rows of the cloud is
-    /// added to `extra_bar` `[rows][n]`, that with respect to its own parameters is held for the next step.
+    /// Backward twin of [`forward`](Self::forward), of the same `rgb` as it was given. The gradient with respect to its own parameters
+    /// is held for the next step.
     fn backward(
         &mut self,
         appearance: &Appearance,
         cloud: &DrawnCloud<'_>,
         visible: &[ProjectedGaussian],
         rgb: &[[f32; 3]],
-        bar: &mut [[f32; 3]],
-        extra_bar: &mut [f32],
+        bars: ColourBars<'_>,
     );
+
+    /// The gradient with respect to `code` alone, of the same `rgb` as [`forward`](Self::forward) was given with it; `bar` `[visible]`,
+    /// with respect to the composited colours, may be written over.
+    fn code_bar(
+        &self,
+        code: &[f32],
+        cloud: &DrawnCloud<'_>,
+        visible: &[ProjectedGaussian],
+        rgb: &[[f32; 3]],
+        bar: &mut [[f32; 3]],
+    ) -> Vec<f32>;
 }
 
 /// Colours are turned into those of an appearance.
@@ -68,4 +93,50 @@ pub(crate) trait CloudMotion: Learns {
     /// Backward twin of [`cloud_at`](Self::cloud_at). `bar` is the gradient with respect to the cloud at `time`, and becomes that with
     /// respect to the canonical one. The gradient with respect to its own parameters is held for the next step.
     fn pull_back(&mut self, time: f64, index: usize, canonical: &CloudParameters, bar: &mut CloudParameters);
+}
+
+/// What a photo and its render are, pixel by pixel: planes `[3][rows][columns]`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Beside<'a> {
+    /// Columns and rows.
+    pub(crate) size: [usize; 2],
+    /// In the appearance of the photo.
+    pub(crate) render: &'a [f32],
+    pub(crate) photo: &'a [f32],
+}
+
+/// Says which pixels of a photo show the scene, by its render: in each step that shows it.
+pub(crate) trait RenderJudge: Send + Sync {
+    /// How much each pixel counts in a step of the schedule, 0 to 1; `None`: all as before.
+    fn weights(&self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>>;
+
+    /// 1 for what shows the scene, 0 for what does not.
+    fn static_pixels(&self, beside: &Beside<'_>) -> Vec<f32>;
+}
+
+/// Says which pixels of all photos show the scene, by all renders: from time to time, before a step.
+pub(crate) trait SurveyJudge: Send + Sync {
+    /// Before this step all photos are to be rendered, a pixel for each square of so many pixels a side; `None`: they are not.
+    fn survey(&self, step: u64) -> Option<u32>;
+
+    /// One of them, in their order.
+    fn see(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>);
+
+    /// All have been seen.
+    fn settle(&mut self);
+
+    /// Multiply the weights of a photo's pixels.
+    fn weigh(&self, photo: &StepPhoto<'_>, weights: &mut Weights);
+
+    /// 1 for the pixels of view `view`, of `size`, that show the scene, 0 for others; `None` before the first survey.
+    fn static_pixels(&self, view: usize, size: [usize; 2]) -> Option<Vec<f32>>;
+
+    /// What its next step depends on.
+    fn state(&self) -> Vec<Tensor<'_>>;
+
+    /// What [`state`](Self::state) wrote.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or does not fit. Nothing has changed then.
+    fn load(&mut self, state: &TensorMap) -> Result<(), SystemError>;
 }

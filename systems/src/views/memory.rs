@@ -52,11 +52,27 @@ impl Pictures {
         pictures
     }
 
+    /// Bytes that colours before the appearance take besides: planes and tiles, forwards and backwards.
+    pub(super) fn toned_bytes(self) -> usize {
+        self.pixels * 4 * 12
+    }
+
     /// Bytes that they take.
     pub(super) fn bytes(self) -> usize {
         self.pixels * PIXEL + self.bent * BENT + self.copied * COPY
     }
 }
+
+/// Bytes of Gaussians in an appearance, besides [`of_gaussians`]: three features more of each pair of Gaussian and tile, and of each
+/// Gaussian that is seen; colours before and after, and gradients of both; what a network sees of it, forwards and backwards, and its
+/// gradient, one for each [`CHUNK`] of Gaussians, `learnt` numbers at most.
+pub(super) fn toned(gaussians: usize, learnt: usize) -> usize {
+    const NETWORK: usize = 2 * 4 * 32;
+    gaussians * (12 * PAIRS + 8 * 12 + NETWORK) + gaussians.div_ceil(CHUNK) * 4 * learnt
+}
+
+/// Gaussians of a network's task.
+const CHUNK: usize = 1024;
 
 /// Whether all copies of photos that are drawn onto a plane are kept: in the memory that decoded photos leave free.
 pub(super) fn keeps_copies(data: &Dataset) -> bool {

@@ -3,11 +3,13 @@
 //! | part | file |
 //! | --- | --- |
 //! | the frame that clouds are trained in, and where they begin | [`cloud_frame`], [`start`], `visual_hull` |
-//! | parameters of a cloud, extra rows among them, and all that follows them | `cloud`, `optimiser`, `density_control`, `free_space` |
+//! | parameters of a cloud, extra rows among them, and all that follows them | `cloud`, `place_codes`, `optimiser`, `density_control`, `free_space` |
 //! | nothing is drawn smaller than what photos show | `smoothing` |
 //! | photos without distortion, and how much their pixels count | `photo`, `undistortion`, `weights` |
 //! | what a picture costs | `terms` |
 //! | appearance of photos, and time; where points go | `hooks`, `flow` |
+//! | the appearance of other photos; a cloud in one appearance | `appearance_fit`, `appearance_bake` |
+//! | what photos show besides the scene | `surveys` |
 //! | where a training is in its schedule | the room `schedule` |
 //! | pictures: drawn for a step, and rendered | `drawing`, `planes`, `pass`, `render` |
 //!
@@ -21,6 +23,8 @@
 //!
 //! What is published under a name is in [`crate::papers::gaussians`]; clouds to look at are in [`crate::splats`].
 
+mod appearance_bake;
+mod appearance_fit;
 mod camera_gradient;
 #[cfg(test)]
 mod camera_gradient_tests;
@@ -42,6 +46,7 @@ mod optimiser;
 pub(crate) mod outside;
 mod pass;
 mod photo;
+mod place_codes;
 #[cfg_attr(not(test), allow(dead_code, reason = "parts that no published system is made of yet"))]
 mod planes;
 pub(crate) mod refine;
@@ -49,6 +54,7 @@ mod render;
 mod skipped;
 mod smoothing;
 pub mod start;
+mod surveys;
 mod system;
 mod terms;
 #[cfg(test)]
@@ -62,16 +68,18 @@ mod weights;
 pub(crate) use cloud::{CloudTraining, TrainedCloud};
 pub(crate) use cloud_parameters::CloudParameters;
 pub(crate) use config::{
-    CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, WideningKind, first_of, positive, unless,
+    CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, RowStart, WideningKind, first_of, not_negative, positive,
+    unless,
 };
 pub(crate) use density_config::{
     AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, PlannedDensity, SplitConfig,
 };
 pub(crate) use drawing::DrawnCloud;
 pub(crate) use driver::{ViewParts, Views, refused};
-pub(crate) use hooks::{CloudMotion, Learns};
+pub(crate) use hooks::{Beside, CloudMotion, ColourAppearance, ColourBars, Learns, RenderJudge, SurveyJudge};
 pub(crate) use pass::ViewSpaceGradient;
+pub(crate) use place_codes::PlaceCodes;
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
-pub(crate) use terms::{L1Dssim, L1DssimConfig};
+pub(crate) use terms::{L1Dssim, L1DssimConfig, Structure};
 pub(crate) use visual_hull::VisualHull;
-pub(crate) use weights::MaskWeight;
+pub(crate) use weights::{MaskWeight, StepPhoto, Weights, nearest};

@@ -57,7 +57,14 @@ impl Views {
         let mut pixels: Vec<usize> = (0..count).map(|j| sums.partition_point(|&s| s <= at(j))).collect();
         pixels.dedup();
         pixels.retain(|&i| i < drawn);
-        self.of_target(camera, pixels.into_iter())
+        let mut erring = self.of_target(camera, pixels.into_iter());
+        if let Some(plain) = self.pass.plain().filter(|plain| plain.len() == x.len()) {
+            // A Gaussian begins in the colour that its tone makes that of the photo, about.
+            for (i, rgb) in &mut erring.pixels {
+                *rgb = [0, 1, 2].map(|c| (rgb[c] + plain[c * n + *i] - x[c * n + *i]).clamp(0.0, 1.0));
+            }
+        }
+        erring
     }
 
     fn of_target(&self, camera: Camera, pixels: impl Iterator<Item = usize>) -> PhotoPixels {

@@ -2,7 +2,7 @@
 
 use super::cloud_parameters::CloudParameters;
 use super::drawing::{DrawnCloud, Projected, Projections, SeenGaussians};
-use super::hooks::{ColourAppearance, OfAppearance};
+use super::hooks::{Beside, ColourAppearance, ColourBars, OfAppearance, RenderJudge};
 use super::planes::{COLOUR, PIXELS, PlaneBars, PlaneLayout, RenderedPicture};
 use super::terms::{PictureTerm, TargetPicture};
 use engine::system::Appearance;
@@ -70,17 +70,31 @@ pub(crate) trait PicturePass: Send + Sync {
 
     /// `[3][pixels]`, the colours of the last picture.
     fn colour(&self) -> &[f32];
+
+    /// The same before the appearance, where these are drawn.
+    fn plain(&self) -> Option<&[f32]>;
 }
 
 /// What a picture's loss is made of, and where time is written.
 pub(crate) struct LossParts<'a> {
     pub(crate) terms: &'a mut [Box<dyn PictureTerm>],
     pub(crate) appearance: Option<&'a mut (dyn ColourAppearance + 'static)>,
+    /// Says which pixels of the photo count, by its render.
+    pub(crate) judge: Option<StepJudge<'a>>,
+    /// How much each pixel counted, where there is a judge and it said anything.
+    pub(crate) judged: Option<Vec<f32>>,
     pub(crate) view_space: ViewSpaceGradient,
     /// Where the gradient with respect to the camera of the step goes; `None`: nobody asks.
     pub(crate) camera: Option<&'a mut CameraGradient>,
     /// Seconds of each of [`PARTS`], added to.
     pub(crate) seconds: &'a mut [f64; PARTS.len()],
+}
+
+/// Judges a picture in a step of the schedule.
+#[derive(Clone, Copy)]
+pub(crate) struct StepJudge<'a> {
+    pub(crate) judge: &'a dyn RenderJudge,
+    pub(crate) step: u64,
 }
 
 /// Most features that a pass composites.
@@ -91,7 +105,8 @@ pub(crate) fn picture_pass(simd: Simd, layout: PlaneLayout) -> Option<Box<dyn Pi
     match layout.features() {
         COLOUR => Some(Box::new(Pass::<COLOUR>::new(simd, layout))),
         4 => Some(Box::new(Pass::<4>::new(simd, layout))),
-        5..=MOST_FEATURES => Some(Box::new(Pass::<MOST_FEATURES>::new(simd, layout))),
+        5..=6 => Some(Box::new(Pass::<6>::new(simd, layout))),
+        7..=MOST_FEATURES => Some(Box::new(Pass::<MOST_FEATURES>::new(simd, layout))),
         _ => None,
     }
 }
@@ -157,12 +172,16 @@ impl<const K: usize> Pass<K> {
         self.planes.resize((K + 1) * pixels, 0.0);
         self.raster.planes(&mut self.planes)?;
         let (features, transmittance) = self.planes.split_at_mut(K * pixels);
-        for (plane, back) in features.chunks_exact_mut(pixels.max(1)).zip(background) {
-            plane.par_chunks_mut(PIXELS).zip(transmittance.par_chunks(PIXELS)).for_each(|(plane, transmittance)| {
-                for (c, t) in plane.iter_mut().zip(transmittance) {
-                    *c += t * back;
-                }
-            });
+        for first in self.layout.over_background() {
+            for (plane, back) in features[first * pixels..].chunks_exact_mut(pixels.max(1)).zip(background) {
+                plane.par_chunks_mut(PIXELS).zip(transmittance.par_chunks(PIXELS)).for_each(
+                    |(plane, transmittance)| {
+                        for (c, t) in plane.iter_mut().zip(transmittance) {
+                            *c += t * back;
+                        }
+                    },
+                );
+            }
         }
         self.clock.lap(2);
         Ok(drawn)
@@ -173,7 +192,7 @@ impl<const K: usize> Pass<K> {
         &mut self,
         size: [usize; 2],
         target: &TargetPicture<'_>,
-        terms: &mut [Box<dyn PictureTerm>],
+        parts: &mut LossParts<'_>,
     ) -> Result<(f64, f64), PassError> {
         let pixels = size[0] * size[1];
         let plane = |first: usize, count: usize| &self.planes[first * pixels..][..count * pixels];
@@ -182,32 +201,53 @@ impl<const K: usize> Pass<K> {
             colour: plane(0, COLOUR),
             depth: self.layout.depth_feature().map(|depth| plane(depth, 1)),
             extras: plane(self.layout.first_extra(), self.layout.extras),
+            plain: self.layout.plain.then(|| plane(self.layout.first_plain(), COLOUR)),
             transmittance: plane(K, 1),
         };
+        parts.judged = parts.judge.and_then(|at| judged(at, &picture, target));
+        let target = &TargetPicture { weights: parts.judged.as_deref().or(target.weights), ..*target };
         self.bars.begin(pixels, K, self.layout);
         let mut loss = 0.0;
-        for term in terms {
+        for term in &mut *parts.terms {
             term.add(&picture, target, &mut self.bars, &mut loss)?;
         }
         Ok((loss, squared_error(&picture, target)))
     }
 
     /// The gradient with respect to the colours as spherical harmonics give them, in the place of that with respect to those that were
-    /// composited.
+    /// composited. Returns that with respect to coefficients of degree 0 that the appearance itself reads.
     fn appearance_backward(
         &mut self,
         clouds: &[DrawnCloud<'_>],
         part: &mut dyn ColourAppearance,
         appearance: &Appearance,
         gradients: &mut [CloudParameters],
-    ) {
+    ) -> Vec<[f32; 3]> {
         let mut bar: Vec<[f32; 3]> = self.gradients.iter().map(|g| [0, 1, 2].map(|c| g.features[c])).collect();
+        let mut base = vec![[0.0; 3]; bar.len()];
         for (((range, projection), cloud), gradient) in self.projections.each().zip(clouds).zip(gradients) {
-            let (rgb, bar) = (&self.colours[range.clone()], &mut bar[range]);
-            part.backward(appearance, cloud, &projection.gaussians, rgb, bar, &mut gradient.extra);
+            let rgb = &self.colours[range.clone()];
+            let bars = ColourBars { rgb: &mut bar[range.clone()], base: &mut base[range], extra: &mut gradient.extra };
+            part.backward(appearance, cloud, &projection.gaussians, rgb, bars);
         }
+        let plain = self.layout.plain.then_some(self.layout.first_plain());
         for (gradient, bar) in self.gradients.iter_mut().zip(&bar) {
-            gradient.features[..COLOUR].copy_from_slice(bar);
+            let plain = |c: usize| plain.map_or(0.0, |first| gradient.features[first + c]);
+            let sum = [0, 1, 2].map(|c| bar[c] + plain(c));
+            gradient.features[..COLOUR].copy_from_slice(&sum);
+        }
+        base
+    }
+
+    /// Add what the appearance says of coefficients of degree 0 to the gradients of the clouds.
+    fn add_base(&self, base: &[[f32; 3]], gradients: &mut [CloudParameters]) {
+        for ((range, projection), gradient) in self.projections.each().zip(gradients) {
+            let n = gradient.len();
+            for (gaussian, bar) in projection.gaussians.iter().zip(&base[range]) {
+                for (c, bar) in bar.iter().enumerate() {
+                    gradient.gaussians.dc[c * n + gaussian.index as usize] += bar;
+                }
+            }
         }
     }
 
@@ -245,18 +285,20 @@ impl<const K: usize> PicturePass for Pass<K> {
         let appearance = Appearance::View(target.view);
         let of_appearance = parts.appearance.as_deref().map(|part| OfAppearance { part, appearance: &appearance });
         let drawn = self.draw(clouds, camera, of_appearance)?;
-        let (loss, mse) = self.compare(camera.view.size, target, parts.terms)?;
+        let (loss, mse) = self.compare(camera.view.size, target, parts)?;
         self.raster_backward(camera, parts.view_space)?;
         for gradient in gradients.iter_mut() {
             gradient.extra.fill(0.0);
         }
-        if let Some(part) = parts.appearance.as_deref_mut() {
-            self.appearance_backward(clouds, part, &appearance, gradients);
-        }
+        let base =
+            parts.appearance.as_deref_mut().map(|part| self.appearance_backward(clouds, part, &appearance, gradients));
         let projected = Projected { view: camera.view, settings: camera.settings, layout: self.layout };
-        for (cloud, gradient) in clouds.iter().zip(gradients) {
+        for (cloud, gradient) in clouds.iter().zip(&mut *gradients) {
             let camera = parts.camera.as_deref_mut();
             self.projections.backward(self.simd, cloud, &projected, &self.gradients, gradient, camera)?;
+        }
+        if let Some(base) = base {
+            self.add_base(&base, gradients);
         }
         self.clock.lap(5);
         for (sum, more) in parts.seconds.iter_mut().zip(self.clock.seconds) {
@@ -273,6 +315,29 @@ impl<const K: usize> PicturePass for Pass<K> {
     fn colour(&self) -> &[f32] {
         &self.planes[..self.planes.len() / (K + 1) * COLOUR]
     }
+
+    fn plain(&self) -> Option<&[f32]> {
+        let pixels = self.planes.len() / (K + 1);
+        self.layout.plain.then(|| &self.planes[self.layout.first_plain() * pixels..][..COLOUR * pixels])
+    }
+}
+
+/// How much each pixel counts in a step, by a judge and as before it. Pixels that do not count are as rendered for it: they say
+/// nothing of their neighbours.
+fn judged(at: StepJudge<'_>, picture: &RenderedPicture<'_>, target: &TargetPicture<'_>) -> Option<Vec<f32>> {
+    let (size, render) = (picture.size, picture.colour);
+    let Some(before) = target.weights else {
+        return at.judge.weights(at.step, &Beside { size, render, photo: target.colour });
+    };
+    let mut photo = target.colour.to_vec();
+    for (photo, render) in photo.chunks_exact_mut(before.len().max(1)).zip(render.chunks_exact(before.len().max(1))) {
+        for (i, _) in before.iter().enumerate().filter(|(_, weight)| **weight == 0.0) {
+            photo[i] = render[i];
+        }
+    }
+    let mut weights = at.judge.weights(at.step, &Beside { size, render, photo: &photo })?;
+    weights.iter_mut().zip(before).for_each(|(weight, before)| *weight *= before);
+    Some(weights)
 }
 
 /// Mean squared error over every eighth row that counts: for the progress line, not for learning.

@@ -14,12 +14,14 @@ pub(crate) struct PlaneLayout {
     pub(crate) depth: bool,
     /// Planes of [extra rows](super::cloud::CloudParameters::extra), after depth.
     pub(crate) extras: usize,
+    /// Colours before the appearance: three planes after the extra rows.
+    pub(crate) plain: bool,
 }
 
 impl PlaneLayout {
     /// Number of features of a Gaussian.
     pub(crate) fn features(self) -> usize {
-        self.first_extra() + self.extras
+        self.first_plain() + if self.plain { COLOUR } else { 0 }
     }
 
     /// The feature that is the depth.
@@ -30,6 +32,16 @@ impl PlaneLayout {
     /// The feature that is the first extra row.
     pub(crate) fn first_extra(self) -> usize {
         COLOUR + usize::from(self.depth)
+    }
+
+    /// The first feature of the colours before the appearance.
+    pub(crate) fn first_plain(self) -> usize {
+        self.first_extra() + self.extras
+    }
+
+    /// The first features of the colours that the background is seen behind.
+    pub(crate) fn over_background(self) -> impl Iterator<Item = usize> {
+        [0].into_iter().chain(self.plain.then_some(self.first_plain()))
     }
 }
 
@@ -44,6 +56,8 @@ pub(crate) struct RenderedPicture<'a> {
     pub(crate) depth: Option<&'a [f32]>,
     /// `[extras][pixels]`, composited over nothing.
     pub(crate) extras: &'a [f32],
+    /// `[3][pixels]`, colours before the appearance, over the background of the step. Where a term asks.
+    pub(crate) plain: Option<&'a [f32]>,
     /// `[pixels]`, transmittance: the share of the background that is seen.
     pub(crate) transmittance: &'a [f32],
 }
@@ -54,6 +68,7 @@ enum Kind {
     Colour,
     Depth,
     Extras,
+    Plain,
     Transmittance,
 }
 
@@ -66,13 +81,13 @@ pub(crate) struct PlaneBars {
     /// Features of the picture, those that nothing reads included.
     features: usize,
     layout: PlaneLayout,
-    used: [bool; 4],
+    used: [bool; 5],
 }
 
 impl PlaneBars {
     /// No gradient yet, for a picture of `features` planes and transmittance.
     pub(crate) fn begin(&mut self, pixels: usize, features: usize, layout: PlaneLayout) {
-        (self.pixels, self.features, self.layout, self.used) = (pixels, features, layout, [false; 4]);
+        (self.pixels, self.features, self.layout, self.used) = (pixels, features, layout, [false; 5]);
         self.buffer.resize((features + 1) * pixels, 0.0);
     }
 
@@ -91,6 +106,11 @@ impl PlaneBars {
         self.plane(Kind::Extras)
     }
 
+    /// `[3][pixels]`, with respect to the colours before the appearance, over the background; empty where these are not drawn.
+    pub(crate) fn plain(&mut self) -> &mut [f32] {
+        self.plane(Kind::Plain)
+    }
+
     /// `[pixels]`, with respect to the transmittance itself: what the background adds follows from the colours.
     pub(crate) fn transmittance(&mut self) -> &mut [f32] {
         self.plane(Kind::Transmittance)
@@ -102,6 +122,7 @@ impl PlaneBars {
             Kind::Colour => (0, COLOUR),
             Kind::Depth => (COLOUR, usize::from(self.layout.depth)),
             Kind::Extras => (self.layout.first_extra(), self.layout.extras),
+            Kind::Plain => (self.layout.first_plain(), if self.layout.plain { COLOUR } else { 0 }),
             Kind::Transmittance => (self.features, 1),
         };
         first * self.pixels..(first + count) * self.pixels
@@ -121,7 +142,7 @@ impl PlaneBars {
     /// `transmittance * b`.
     pub(crate) fn composited(&mut self, background: [f32; 3]) -> &[f32] {
         let has_own = self.used[Kind::Transmittance as usize];
-        for kind in [Kind::Colour, Kind::Depth, Kind::Extras] {
+        for kind in [Kind::Colour, Kind::Depth, Kind::Extras, Kind::Plain] {
             self.plane(kind);
         }
         // Features that nothing reads.
@@ -129,11 +150,14 @@ impl PlaneBars {
         self.buffer[rest].fill(0.0);
         let n = self.pixels;
         let (features, transmittance) = self.buffer.split_at_mut(self.features * n);
-        let [r, g, b] = [0, 1, 2].map(|c| &features[c * n..][..n]);
-        transmittance.par_iter_mut().with_min_len(PIXELS).enumerate().for_each(|(i, bar)| {
-            let behind = r[i] * background[0] + g[i] * background[1] + b[i] * background[2];
-            *bar = if has_own { *bar + behind } else { behind };
-        });
+        for (k, first) in self.layout.over_background().enumerate() {
+            let [r, g, b] = [0, 1, 2].map(|c| &features[(first + c) * n..][..n]);
+            let adds = has_own || k > 0;
+            transmittance.par_iter_mut().with_min_len(PIXELS).enumerate().for_each(|(i, bar)| {
+                let behind = r[i] * background[0] + g[i] * background[1] + b[i] * background[2];
+                *bar = if adds { *bar + behind } else { behind };
+            });
+        }
         &self.buffer
     }
 }
@@ -144,7 +168,7 @@ mod tests {
 
     #[test]
     fn gradients_begin_at_zero_whatever_was_there_and_the_background_s_is_added() {
-        let layout = PlaneLayout { depth: true, extras: 2 };
+        let layout = PlaneLayout { depth: true, extras: 2, plain: false };
         assert_eq!((layout.features(), layout.depth_feature(), layout.first_extra()), (6, Some(3), 4));
         let mut bars = PlaneBars::default();
         bars.begin(2, 8, layout);

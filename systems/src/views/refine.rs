@@ -124,6 +124,8 @@ pub(crate) fn refine(
         let mut parts = LossParts {
             terms: &mut terms,
             appearance: None,
+            judge: None,
+            judged: None,
             view_space: ViewSpaceGradient::Plain,
             camera: None,
             seconds: &mut seconds,

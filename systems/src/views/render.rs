@@ -18,7 +18,7 @@ use std::sync::Mutex;
 
 /// Colour and depth.
 const FEATURES: usize = 4;
-const LAYOUT: PlaneLayout = PlaneLayout { depth: true, extras: 0 };
+const LAYOUT: PlaneLayout = PlaneLayout { depth: true, extras: 0, plain: false };
 
 /// Radius of the cone of a single ray at distance 1, where nothing is known of its pixel.
 pub(crate) const RAY_RADIUS: f32 = 5e-4;
@@ -212,7 +212,7 @@ fn shortest_axis(cloud: &Gaussians, i: usize) -> [f32; 3] {
 ///
 /// What is behind adds at most that share, times the brightest colour of the picture or of the background.
 fn transmittance_stop(query: &Query, rgb: &[[f32; 3]]) -> f32 {
-    let brightest = rgb.iter().chain([&query.background]).flatten().fold(0.0_f32, |most, &c| most.max(c));
+    let brightest = rgb.iter().chain([&query.background]).flatten().fold(0.0_f32, |most, &c| most.max(c.abs()));
     let share = query.error_budget / brightest.max(f32::MIN_POSITIVE);
     if share.is_finite() { share.clamp(0.0, 0.5) } else { 0.5 }
 }

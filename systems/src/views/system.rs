@@ -1,16 +1,18 @@
 //! The driver as a [`System`]: rendering, checkpoints, accounts.
 
+use super::appearance_fit::fit;
 use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::{CloudParameters, joined};
 use super::driver::{Clouds, OWN, Views};
 use super::free_space;
+use super::memory;
 use super::pass::PARTS;
 use super::render::{RAY_RADIUS, one_pixel};
 use crate::schedule::Position;
 use engine::data::Dataset;
 use engine::system::{
-    Canonical, FlowSource, Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap,
-    take_counts, u64_tensor,
+    Appearance, Canonical, Fit, FlowSource, Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor,
+    TensorMap, take_counts, u64_tensor,
 };
 use glam::DVec3;
 use optim::NonFiniteGuard;
@@ -31,7 +33,7 @@ const POSITION: &str = "splats.position";
 
 impl Views {
     /// The layers of a camera's picture; those of nothing where it cannot see: ray by ray it would show no more.
-    fn picture(&self, clouds: &Clouds<'_>, camera: &Camera, query: &Query) -> Layers {
+    pub(super) fn picture(&self, clouds: &Clouds<'_>, camera: &Camera, query: &Query) -> Layers {
         let drawn = self.drawn(clouds);
         match self.renderer(&drawn, query).layers(camera, query, &self.buffers) {
             Ok((mut layers, skipped)) => {
@@ -49,6 +51,17 @@ impl Views {
             let seen = layers.canonical.clone();
             self.canonical_points(&seen, query.time, &mut layers.canonical);
         }
+    }
+
+    /// Number of Gaussians.
+    fn gaussians(&self) -> usize {
+        self.parts.clouds.iter().map(|cloud| cloud.parameters.len()).sum()
+    }
+
+    /// Bytes of `gaussians` Gaussians in an appearance, besides those that all have.
+    fn toned_bytes(&self, gaussians: usize) -> usize {
+        let learnt = self.parts.appearance.as_ref().map_or(0, |part| part.parameter_count());
+        memory::toned(gaussians, learnt) + self.sizes.toned_bytes()
     }
 
     fn cloud_parameters(&self) -> usize {
@@ -125,11 +138,28 @@ impl System for Views {
 
     fn splats(&self, query: &Query) -> Option<Splats> {
         let drawn = self.clouds_at(query.time);
-        let mut gaussians = joined(&drawn.iter().map(|cloud| &cloud.gaussians).collect::<Vec<_>>());
+        let toned = self.in_appearance(&drawn, query);
+        let mut gaussians = joined(&toned.iter().map(|cloud| &**cloud).collect::<Vec<_>>());
         self.parts.frame.cloud_to_world(&mut gaussians);
         let raster = self.parts.pictures.raster();
         let near = (f64::from(raster.near) * self.parts.frame.scale) as f32;
         Some(Splats { gaussians, rules: raster.with_near(near) })
+    }
+
+    fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
+        self.parts.appearance.as_deref().map(|part| part.code(appearance))
+    }
+
+    fn fit_appearance(&self, pixels: &Fit<'_>) -> Option<Vec<f32>> {
+        fit(self, pixels)
+    }
+
+    fn visibility(&self, data: &Dataset, view: usize) -> Result<Option<Vec<f32>>, SystemError> {
+        self.static_pixels(data, view)
+    }
+
+    fn prepass(&self, data: &Dataset, view: usize, stride: u32) -> Result<bool, SystemError> {
+        self.rehearse_survey(data, view, stride)
     }
 
     fn canonical(&self, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
@@ -172,6 +202,7 @@ impl System for Views {
         }
         out.extend(self.parts.appearance.iter().flat_map(|part| part.state()));
         out.extend(self.parts.motion.iter().flat_map(|part| part.state()));
+        out.extend(self.parts.surveys.iter().flat_map(|part| part.state()));
         out
     }
 
@@ -186,6 +217,9 @@ impl System for Views {
             part.load(state)?;
         }
         if let Some(part) = &mut self.parts.motion {
+            part.load(state)?;
+        }
+        if let Some(part) = &mut self.parts.surveys {
             part.load(state)?;
         }
         self.parts.clouds = clouds;
@@ -212,11 +246,15 @@ impl System for Views {
         let motion = self.parts.motion.as_ref().map_or(0, |part| part.parameter_count());
         // A cloud that moves is there twice, where it is canonical and at the time of a photo.
         let copies = if self.parts.motion.is_some() { self.cloud_parameters() * size_of::<f32>() } else { 0 };
-        clouds + copies + (appearance + motion) * LEARNT_BYTES + self.sizes.bytes() + free_space
+        let toned = if self.parts.appearance.is_some() { self.toned_bytes(self.gaussians()) } else { 0 };
+        clouds + copies + toned + (appearance + motion) * LEARNT_BYTES + self.sizes.bytes() + free_space
     }
 
     fn growth_bytes(&self) -> usize {
-        self.parts.clouds.iter().map(|cloud| cloud.growth_bytes()).sum()
+        let clouds: usize = self.parts.clouds.iter().map(|cloud| cloud.growth_bytes()).sum();
+        let most: usize = self.parts.clouds.iter().map(|cloud| cloud.training.cloud.max_splats).sum();
+        let more = |gaussians: usize| self.toned_bytes(most).saturating_sub(self.toned_bytes(gaussians));
+        clouds + if self.parts.appearance.is_some() { more(self.gaussians()) } else { 0 }
     }
 
     fn skips(&self) -> Vec<SkipRow> {

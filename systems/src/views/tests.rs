@@ -3,7 +3,7 @@
 use super::cloud::{CloudTraining, TrainedCloud};
 use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::CloudParameters;
-use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, WideningKind};
+use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, RowStart, WideningKind};
 use super::density_config::{
     AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, SplitConfig,
 };
@@ -91,7 +91,7 @@ fn training(kind: DensityKind, extra: ExtraRows) -> CloudTraining {
 }
 
 fn system(data: &Dataset, kind: DensityKind, view_space: ViewSpaceGradient) -> Views {
-    let rows = ExtraRows { rows: 2, composited: 1, rate: 0.02 };
+    let rows = ExtraRows { rows: 2, composited: 1, rate: 0.02, start: RowStart::Zero };
     let clouds = vec![
         TrainedCloud::new(training(kind, rows), 0, &cloud(20, 1)).unwrap(),
         TrainedCloud::new(training(kind, ExtraRows::default()), 1, &cloud(10, 2)).unwrap(),
@@ -110,6 +110,8 @@ fn system(data: &Dataset, kind: DensityKind, view_space: ViewSpaceGradient) -> V
         terms: vec![Box::new(L1Dssim::new(Simd::best(), &L1DssimConfig { dssim: 0.2 })), Box::new(RedLabel)],
         weights: Vec::new(),
         appearance: None,
+        judge: None,
+        surveys: None,
         motion: None,
         view_space,
         background: Background::Random,
@@ -183,7 +185,7 @@ fn nothing_is_large_beside_a_camera_where_that_is_limited() {
 
 #[test]
 fn the_extra_rows_of_new_gaussians_are_those_of_their_sources() {
-    let extra = ExtraRows { rows: 1, composited: 1, rate: 0.0 };
+    let extra = ExtraRows { rows: 1, composited: 1, rate: 0.0, start: RowStart::Zero };
     let mut trained = TrainedCloud::new(training(DensityKind::Mcmc, extra), 0, &cloud(20, 1)).unwrap();
     // A label that says where a Gaussian is.
     let along = |parameters: &CloudParameters| parameters.gaussians.dc[..parameters.len()].to_vec();

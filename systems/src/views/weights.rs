@@ -23,6 +23,11 @@ impl Weights {
         self.values.clear();
     }
 
+    /// Take these for all pixels.
+    pub(crate) fn set(&mut self, values: Vec<f32>) {
+        self.values = values;
+    }
+
     /// Multiply the weight of pixel `i` of `pixels` by `factor(i)`.
     pub(crate) fn multiply(&mut self, pixels: usize, factor: impl Fn(usize) -> f32) {
         if self.values.is_empty() {

@@ -18,6 +18,7 @@ mod splat_stop;
 mod splat_threads;
 mod splat_training;
 mod wild_auto;
+mod wild_clouds;
 mod wild_ha_nerf;
 mod wild_methods;
 mod wild_mlp;

@@ -16,6 +16,7 @@ use engine::progress::{Meter, Observer};
 use engine::run::Run;
 use engine::surface::frame_points;
 use engine::surface::{default_level, mesh, points};
+use engine::system::Query;
 use scene_io::export::{Mesh, MeshFormat, write_colmap, write_mesh, write_points, write_transforms};
 use scene_io::{SplatFile, SplatOptions, write_splats};
 use std::path::Path;
@@ -37,6 +38,8 @@ struct Job<'a> {
     subject: Subject,
     /// What of it: the box is the only one that counts; without one each export has its own.
     crop: Crop,
+    /// How it is rendered.
+    query: Query,
     /// What the crop leaves of a cloud of Gaussians, where it leaves anything out.
     part: Option<Cloud>,
     show: Show,
@@ -50,14 +53,20 @@ pub(crate) fn run(session: &Session, args: &Export) -> Result<Done, Failure> {
     if let Some(path) = &args.mesh {
         MeshFormat::of(path)?;
     }
+    if args.appearance.is_some() && (args.method == Some(MeshMethod::Density) || args.level.is_some()) {
+        let problem =
+            "`--appearance`: a mesh of density has the mean appearance; leave `--method density` and `--level` out";
+        return Err(RunError::Option(problem.into()).into());
+    }
     let crop = crop_of(args)?;
     let subject = Subject::open(session, args, &mut show)?;
     if !crop.keeps_everything() && args.crop.is_empty() {
         line(format_args!("cropped by `{}`; `--no-crop` exports everything", Crop::path_of(&args.run).display()));
     }
-    let part = subject.part(&crop, args.time)?;
+    let query = subject.query(args)?;
+    let part = subject.part(&crop, &query)?;
     show.listen()?;
-    let mut job = Job { args, subject, crop, part, show, views: None };
+    let mut job = Job { args, subject, query, crop, part, show, views: None };
     let done = match job.all() {
         Ok(()) => Done::Finished,
         Err(Stopped::Interrupted) => Done::Interrupted,
@@ -109,12 +118,11 @@ impl Job<'_> {
         if self.views.is_some() {
             return Ok(());
         }
-        let Self { args, subject, part, show, .. } = self;
+        let Self { args, subject, query, part, show, .. } = self;
         let part = part.as_ref();
-        let query = subject.query(args);
         let draw = |camera: &_| match part {
-            Some(cloud) => cloud.render(camera, &query),
-            None => subject.draw(camera, &query),
+            Some(cloud) => cloud.render(camera, query),
+            None => subject.draw(camera, query),
         };
         let cameras = subject.cameras(args)?;
         let mut meter = Meter::new("picture", cameras.len());
@@ -136,8 +144,7 @@ impl Job<'_> {
             Subject::Run(run) if !self.subject.is_cloud() => {
                 let crop = self.crop.bounds.unwrap_or_else(|| run.system.bounds());
                 say_box(&crop);
-                let query = self.subject.query(self.args);
-                let cloud = points(run.system.as_ref(), &run.train, &query, &crop, count, &mut self.show);
+                let cloud = points(run.system.as_ref(), &run.train, &self.query, &crop, count, &mut self.show);
                 if self.show.stop_asked() {
                     return Err(self.stopped(&format!("{} was not written", path.display())));
                 }
@@ -165,7 +172,7 @@ impl Job<'_> {
     }
 
     fn splats(&mut self, path: &Path) -> Result<(), Stopped> {
-        let Some(SplatFile { cloud, widening, .. }) = self.subject.gaussians(self.args.time, &mut self.show)? else {
+        let Some(SplatFile { cloud, widening, .. }) = self.subject.gaussians(&self.query, &mut self.show)? else {
             return Err(self.stopped(&format!("{} was not written", path.display())));
         };
         let cloud = self.crop.cloud(&cloud)?;
@@ -255,7 +262,7 @@ impl Job<'_> {
 
     /// A file for each photo, in the order of time.
     fn frames(&mut self, folder: &Path) -> Result<(), Stopped> {
-        let Self { args, subject, show, .. } = self;
+        let Self { args, subject, query, show, .. } = self;
         let run: &Run<'_> = subject.run("--frames")?;
         let mut views: Vec<&View> =
             run.train.views().iter().chain(run.held_out.views()).filter(|v| v.level == 0).collect();
@@ -264,8 +271,7 @@ impl Job<'_> {
         let mut points = 0;
         let mut meter = Meter::new("photo", views.len());
         for (i, view) in views.iter().enumerate() {
-            let cloud =
-                (!show.stop_asked()).then(|| frame_points(run.system.as_ref(), view, &run.query(), !args.rough));
+            let cloud = (!show.stop_asked()).then(|| frame_points(run.system.as_ref(), view, query, !args.rough));
             // What a stop came upon is not whole.
             let Some(cloud) = cloud.filter(|_| !show.stop_asked()) else {
                 show.finish();

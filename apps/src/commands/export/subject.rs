@@ -4,6 +4,7 @@ use crate::cli::Export;
 use crate::session::{Failure, Session};
 use crate::show::Show;
 use engine::RunError;
+use engine::appearance::AppearancePath;
 use engine::camera_path::{PathKind, cameras};
 use engine::crop::{Crop, Traits};
 use engine::mesh::cameras::on_a_sphere;
@@ -56,10 +57,10 @@ impl Subject {
     }
 
     /// The Gaussians to write: those of a cloud, or a field baked into some; `None` where a stop was asked for meanwhile.
-    pub(super) fn gaussians(&self, time: f64, show: &mut Show) -> Result<Option<SplatFile>, Failure> {
+    pub(super) fn gaussians(&self, query: &Query, show: &mut Show) -> Result<Option<SplatFile>, Failure> {
         match self {
             Self::Run(run) => {
-                let cloud = super::super::baked::splats(run, time, show)?;
+                let cloud = super::super::baked::splats(run, query, show)?;
                 Ok(cloud.map(|cloud| {
                     let widening = Some(cloud.rules.widening);
                     SplatFile { cloud: cloud.gaussians, widening, notes: Vec::new() }
@@ -69,13 +70,13 @@ impl Subject {
         }
     }
 
-    /// What a crop leaves of a cloud of Gaussians at a time; `None` where that is everything, and for fields.
-    pub(super) fn part(&self, crop: &Crop, time: f64) -> Result<Option<Cloud>, RunError> {
+    /// What a crop leaves of a cloud of Gaussians; `None` where that is everything, and for fields.
+    pub(super) fn part(&self, crop: &Crop, query: &Query) -> Result<Option<Cloud>, RunError> {
         if crop.keeps_everything() {
             return Ok(None);
         }
         let splats = match self {
-            Self::Run(run) => run.system.splats(&Query { time, ..run.query() }).map(Cloud::exact),
+            Self::Run(run) => run.system.splats(query).map(Cloud::exact),
             Self::File { cloud, .. } => Some(cloud.part(|_| true)),
         };
         Ok(splats.map(|cloud| {
@@ -100,10 +101,18 @@ impl Subject {
     }
 
     /// How it is rendered.
-    pub(super) fn query(&self, args: &Export) -> Query {
-        match self {
-            Self::Run(run) => Query { time: args.time, ..run.query() },
-            Self::File { .. } => plain_query([0.0; 3], 0.0),
+    pub(super) fn query(&self, args: &Export) -> Result<Query, RunError> {
+        match (self, &args.appearance) {
+            (Self::Run(run), None) => Ok(Query { time: args.time, ..run.query() }),
+            (Self::Run(run), Some(word)) => {
+                let path = AppearancePath::Still(word.clone());
+                let appearance = run.appearance_along(&path, args.fit_camera.as_deref())?.at(0, 1);
+                Ok(Query { time: args.time, appearance, ..run.query() })
+            }
+            (Self::File { .. }, None) => Ok(plain_query([0.0; 3], 0.0)),
+            (Self::File { .. }, Some(_)) => {
+                Err(RunError::Option("`--appearance`: a file of Gaussians has one appearance".into()))
+            }
         }
     }
 

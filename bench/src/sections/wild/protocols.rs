@@ -107,6 +107,10 @@ const SF_NERF: Entry = Entry::new("sf-nerf");
 const SF_NERF_ONE_APPEARANCE: Entry = SF_NERF.set("sf-nerf, one appearance", "appearance = 'none'");
 const HUGS: Entry = Entry::new("hugs");
 const HUGS_CODES: Entry = HUGS.set("hugs with codes", "appearance = 'codes'");
+const WILD_GAUSSIANS: Entry = Entry::new("wild-gaussians");
+const CLOUD_ONE_APPEARANCE: Entry = WILD_GAUSSIANS.set("wild-gaussians, one appearance", "appearance = 'none'");
+const CLOUD_ALL_SHOWN: Entry = WILD_GAUSSIANS.set("wild-gaussians, no masks", "occluders = 'none'");
+const CLOUD_STRUCTURE: Entry = WILD_GAUSSIANS.set("wild-gaussians, masks of structure", "occluders = 'residual'");
 
 /// Every appearance is the same there, or known: whole views count.
 const ONE_APPEARANCE: &[&str] = &["mean"];
@@ -138,6 +142,9 @@ const PERTURBED: [Photos; 4] = [
             NERF_W,
             HA_NERF_T,
             SF_NERF_ONE_APPEARANCE,
+            WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
+            CLOUD_ONE_APPEARANCE,
+            CLOUD_STRUCTURE,
         ],
     },
     Photos {
@@ -150,6 +157,8 @@ const PERTURBED: [Photos; 4] = [
             NERF_A.aims(&[Aim::Share(85.0)]),
             NERF_W.aims(&[Aim::Share(85.0)]),
             HA_NERF_A.aims(&[Aim::Share(85.0)]),
+            WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
+            CLOUD_ALL_SHOWN,
         ],
     },
     Photos {
@@ -157,11 +166,32 @@ const PERTURBED: [Photos; 4] = [
         kind: Kind::Perturbed("co"),
         split: None,
         appearances: KNOWN_APPEARANCE,
-        entries: &[PLAIN, ROBUST_CODES, HUGS_CODES, NERF_W.aims(&[Aim::Share(80.0)]), HA_NERF, SF_NERF],
+        entries: &[
+            PLAIN,
+            ROBUST_CODES,
+            HUGS_CODES,
+            NERF_W.aims(&[Aim::Share(80.0)]),
+            HA_NERF,
+            SF_NERF,
+            WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
+            CLOUD_ONE_APPEARANCE,
+            CLOUD_ALL_SHOWN,
+        ],
     },
 ];
 
-const EVERYTHING: &[Entry] = &[PLAIN, ROBUST_CODES, HUGS_CODES, NERF_A, NERF_W, HA_NERF, SF_NERF];
+const EVERYTHING: &[Entry] = &[
+    PLAIN,
+    ROBUST_CODES,
+    HUGS_CODES,
+    NERF_A,
+    NERF_W,
+    HA_NERF,
+    SF_NERF,
+    WILD_GAUSSIANS,
+    CLOUD_ONE_APPEARANCE,
+    CLOUD_ALL_SHOWN,
+];
 
 const LEGO: Group = Group {
     name: "lego100",
@@ -263,7 +293,7 @@ pub(super) const REAL: &[Group] = &[
             kind: Kind::AsIs,
             split: None,
             appearances: FITTED,
-            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF],
+            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF, WILD_GAUSSIANS],
         }],
     },
     Group {

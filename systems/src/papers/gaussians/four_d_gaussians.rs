@@ -82,6 +82,7 @@ static RECIPE: Recipe = Recipe {
     pictures: splat::PICTURES,
     loss: LOSS,
     motion: Some(motion),
+    photos: None,
 };
 
 /// A cloud at its start, and why it is as it is.

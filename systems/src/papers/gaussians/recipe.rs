@@ -1,5 +1,6 @@
 //! A system of one cloud: what it is made of, what a scene makes of that, and the system that comes out.
 
+use super::photos::{AskedPhotos, PhotoParts};
 use super::start::{AskedStart, FieldBefore, Seeing, StartConfig, StartKind, field_steps, with_field};
 use crate::claims::Claim;
 use crate::cloud_motion::{DeformationField, MotionParts, MotionSettings, UnitBox};
@@ -45,6 +46,8 @@ pub(super) struct Recipe {
     pub(super) loss: L1DssimConfig,
     /// What moves the cloud; `None`: it stands still.
     pub(super) motion: Option<MotionOf>,
+    /// What photos differ in; `None`: in nothing but what they see.
+    pub(super) photos: Option<PhotoParts>,
 }
 
 impl Recipe {
@@ -64,19 +67,32 @@ impl Recipe {
         let time = planned.pace.map(|pace| asked.time(&pace));
         let moving = |motion: &AskedMotion| motion.moving(&asked, &layout, data, run.seed);
         let motion = asked.motion.as_ref().map(moving).transpose()?;
+        let horizon = asked.training.rates.horizon;
+        let photos =
+            asked.photos.as_ref().map(|photos| photos.parts(data, background, horizon, run.seed)).transpose()?;
+        lines.extend(asked.photos.iter().flat_map(|photos| photos.lines(horizon)));
         lines.extend(asked.motion.as_ref().map(|motion| motion.line(&asked)));
         let seeing = if motion.is_some() { Seeing::ManyTimes } else { Seeing::OneTime };
         let AskedStart { at, field } = asked.start;
         let refill = asked.training.density.refill();
-        let field = field.map(|terms| FieldBefore { terms, refill, seeing });
+        let codes = asked.photos.as_ref().and_then(AskedPhotos::codes);
+        let field = field.map(|terms| FieldBefore { terms, refill, seeing, codes });
         let start = at.start(cloud, &layout, &asked.frame, data, seeing, run.seed)?;
+        let mut training = asked.training;
+        let (mut appearance, mut judge, mut surveys) = (None, None, None);
+        let mut loss = L1Dssim::new(Simd::best(), &asked.loss);
+        if let Some(photos) = photos {
+            training.extra = photos.rows(&start.cloud);
+            loss = loss.with_structure(photos.structure);
+            (appearance, judge, surveys) = (photos.appearance, photos.judge, photos.surveys);
+        }
         let begin = if field.is_some_and(|field| field.terms.seeds.is_some()) {
             "start, should the field see nothing"
         } else {
             "start"
         };
         lines.extend(start.notes.iter().map(|note| format!("{begin}: {note}")));
-        lines.push(format!("at most {} Gaussians", cloud.max_splats));
+        lines.push(format!("at most {} Gaussians", training.cloud.max_splats));
         let bent = data.views().iter().filter(|v| !v.camera.lens.is_pinhole()).count();
         if bent > 0 {
             lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
@@ -85,10 +101,12 @@ impl Recipe {
             name: self.claim.name,
             frame: asked.frame,
             pictures: asked.pictures,
-            clouds: vec![TrainedCloud::new(asked.training, 0, &start.cloud).map_err(refused)?],
-            terms: vec![Box::new(L1Dssim::new(Simd::best(), &asked.loss))],
+            clouds: vec![TrainedCloud::new(training, 0, &start.cloud).map_err(refused)?],
+            terms: vec![Box::new(loss)],
             weights: vec![Box::new(MaskWeight)],
-            appearance: None,
+            appearance,
+            judge,
+            surveys,
             motion,
             view_space: ViewSpaceGradient::Plain,
             background,
@@ -115,13 +133,15 @@ impl Recipe {
     pub(super) fn names(&'static self) -> toml::Table {
         let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
         let mut names = toml::Table::new();
-        for set in [
+        let mut sets = vec![
             toml::toml! { start = "field" },
             toml::toml! { start = "field"
             density = "adc" },
             toml::toml! { start = "field"
             density = "mcmc" },
-        ] {
+        ];
+        sets.extend(self.photos.iter().flat_map(PhotoParts::all));
+        for set in sets {
             let run = run(set);
             let mut settings = Settings::new(&run);
             self.of_nothing(&[], &mut settings).expect("settings as published");
@@ -144,6 +164,8 @@ struct Planned {
     pace: Option<CloudPace>,
     /// Times of the photos, where the cloud moves.
     times: Arc<[f32]>,
+    /// Longest side of a photo, pixels.
+    longest: u32,
     /// Why places are known to be empty, where they are.
     free_space: Option<String>,
 }
@@ -161,6 +183,7 @@ impl Planned {
             pictures: recipe.pictures,
             pace: None,
             times: Arc::default(),
+            longest: 0,
             free_space: None,
         }
     }
@@ -183,8 +206,8 @@ impl Planned {
         let still = CloudPace::of(data)?;
         let pace = if moves { still.moving() } else { still };
         let field_steps = field_steps(CloudPace::field_steps(stop));
-        let planned = match moves && has_alpha(data)? {
-            true => StartConfig::of_moving_thing(scene),
+        let planned = match (moves || recipe.photos.is_some()) && has_alpha(data)? {
+            true => StartConfig::of_cut_out_thing(scene),
             false => StartConfig::planned(scene, field_steps),
         };
         let StartConfig { start } = settings.of(&planned)?;
@@ -218,6 +241,7 @@ impl Planned {
             pictures: PictureConfig { coarse, coarse_steps, ..recipe.pictures },
             pace: Some(pace),
             times: if moves { view_times(data) } else { Arc::default() },
+            longest: data.longest_side().unwrap_or(0),
             free_space,
             recipe,
         })
@@ -225,7 +249,9 @@ impl Planned {
 
     /// The settings of the parts that are there, after `--set`.
     fn asked(&self, points: &[Point], settings: &mut Settings<'_>, seed: u64) -> Result<AskedParts, SystemError> {
-        let cloud = settings.of(&self.cloud)?;
+        let photos = self.recipe.photos.as_ref().map(|parts| parts.asked(self.longest, settings)).transpose()?;
+        let sh_degree = photos.as_ref().and_then(AskedPhotos::sh_degree).unwrap_or(self.cloud.sh_degree);
+        let cloud = settings.of(&CloudConfig { sh_degree, ..self.cloud })?;
         cloud.check()?;
         let frame = CloudFrame { centre: cloud.centre, scale: cloud.radius };
         // A field that knows no time sees no place of what moves.
@@ -246,7 +272,7 @@ impl Planned {
         loss.check()?;
         let motion =
             self.recipe.motion.map(|motion| AskedMotion::new(motion(self.times.clone()), settings)).transpose()?;
-        Ok(AskedParts { training, frame, pictures, loss, start, motion })
+        Ok(AskedParts { training, frame, pictures, loss, start, motion, photos })
     }
 }
 
@@ -258,6 +284,7 @@ pub(super) struct AskedParts {
     loss: L1DssimConfig,
     pub(super) start: AskedStart,
     motion: Option<AskedMotion>,
+    photos: Option<AskedPhotos>,
 }
 
 impl AskedParts {

@@ -93,6 +93,7 @@ static RECIPE: Recipe = Recipe {
     pictures: PICTURES,
     loss: LOSS,
     motion: None,
+    photos: None,
 };
 
 /// A cloud at its start, and why it is as it is.

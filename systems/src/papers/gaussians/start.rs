@@ -1,6 +1,8 @@
 //! Where the Gaussians of a cloud begin: at points, at random places, or where a field sees surfaces.
 
 use crate::layout::Layout;
+use crate::papers::wild::auto::with_codes_of;
+use crate::photo_model::PhotoModel;
 use crate::plan::{Ground, field_settings};
 use crate::proxy::{FieldConfig, Proxied, ProxyTerms};
 use crate::settings::Settings;
@@ -57,6 +59,8 @@ pub(super) struct FieldBefore {
     /// The share of later Gaussians that begins where it sees surfaces.
     pub(super) refill: f64,
     pub(super) seeing: Seeing,
+    /// Numbers of a photo's code, where photos differ in appearance.
+    pub(super) codes: Option<usize>,
 }
 
 /// A start that is not at points: chosen, or because the scene has none.
@@ -93,8 +97,9 @@ impl StartConfig {
         Self { start }
     }
 
-    /// The same of a thing that moves and is cut out: photos say where it is better than a field that knows no time.
-    pub(super) fn of_moving_thing(scene: &Scene) -> Self {
+    /// The same of a thing that is cut out, and moves, or has things before it in some photos: photos say where it is better than a
+    /// field that knows nothing of that.
+    pub(super) fn of_cut_out_thing(scene: &Scene) -> Self {
         Self { start: if scene.points.len() < FEW_POINTS { StartKind::Random } else { StartKind::Points } }
     }
 }
@@ -192,11 +197,14 @@ pub(super) fn with_field(
     run: &RunOptions,
     lines: &mut Vec<String>,
 ) -> Result<Box<dyn System>, SystemError> {
-    let Some(FieldBefore { terms, refill, seeing }) = field else { return Ok(Box::new(cloud)) };
+    let Some(FieldBefore { terms, refill, seeing, codes }) = field else { return Ok(Box::new(cloud)) };
     let mut ground = Ground::of(scene, data, run)?;
     let config = field_settings(&mut ground, data);
     let field = match seeing {
-        Seeing::OneTime => ground.ngp(data, &config, run.seed, None)?,
+        Seeing::OneTime => {
+            let photos = codes.map(|dims| Box::new(with_codes_of(dims, data, run.seed)) as Box<dyn PhotoModel>);
+            ground.ngp(data, &config, run.seed, photos)?
+        }
         Seeing::ManyTimes => ground.plain(data, &config, run.seed)?,
     };
     lines.push(terms.line(refill));
@@ -225,7 +233,7 @@ mod tests {
     fn a_thing_that_moves_begins_where_photos_show_it() {
         let of = |points: usize| {
             let points = vec![Point { xyz: DVec3::ZERO, rgb: [0; 3] }; points];
-            StartConfig::of_moving_thing(&made::scene(Vec::new(), points).0).start
+            StartConfig::of_cut_out_thing(&made::scene(Vec::new(), points).0).start
         };
         assert_eq!([0, 1999, 2000].map(of), [StartKind::Random, StartKind::Random, StartKind::Points]);
     }

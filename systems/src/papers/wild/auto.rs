@@ -14,6 +14,7 @@ use super::choice::{AppearanceKind, OccluderKind};
 use super::combined::Wild;
 use super::nerf_w::{CHARBONNIER, HASH_GRID_CODES};
 use crate::appearance::codes::FreeCodes;
+use crate::appearance::config::CodeConfig;
 use crate::claims::Claim;
 use crate::occluders::none::NoOccluders;
 use crate::occluders::outliers::{Backdrop, NEIGHBOURHOOD, mean_residuals};
@@ -173,9 +174,15 @@ fn train(field: &mut RaySystem, data: &Dataset, steps: Range<u64>) -> Result<(),
 
 /// A code for each photo, and robust errors.
 fn with_codes(data: &Dataset, seed: u64) -> Wild {
+    with_codes_of(HASH_GRID_CODES.appearance_dims, data, seed)
+}
+
+/// The same, of codes of `dims` numbers.
+pub(crate) fn with_codes_of(dims: usize, data: &Dataset, seed: u64) -> Wild {
+    let codes = CodeConfig { appearance_dims: dims, ..HASH_GRID_CODES };
     Wild {
         name: "nerf-a",
-        appearance: Some(Box::new(FreeCodes::new(&HASH_GRID_CODES, data.len(), seed))),
+        appearance: Some(Box::new(FreeCodes::new(&codes, data.len(), seed))),
         occluders: Box::new(NoOccluders { kernel: CHARBONNIER.kernel(), coarse: Kernel::Squared }),
     }
 }

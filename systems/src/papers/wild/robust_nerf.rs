@@ -19,7 +19,7 @@ use super::planning::{Build, Planning};
 use crate::claims::Claim;
 use crate::limits::{at_least_1, positive, refuse};
 use crate::occluders::OccluderModel;
-use crate::occluders::outliers::{OutlierConfig, PhotoOutliers, mask_of};
+use crate::occluders::outliers::{OutlierConfig, PhotoOutliers, SMALL_PHOTO, mask_of};
 use crate::occluders::pixel_error::{KernelConfig, kernel_loss, residual};
 use crate::occluders::static_maps::StaticMaps;
 use crate::occluders::survey::{is_doubled, survey_stride};
@@ -45,9 +45,6 @@ pub(crate) const CLAIM: Claim = Claim {
 
 /// Patches of a batch at least: one photo alone says little about the others.
 const LEAST_PATCHES: usize = 16;
-
-/// Photos below this longest side are judged by patches of half the size.
-const SMALL_PHOTO: u32 = 320;
 
 /// How outlier rays are detected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -89,29 +86,15 @@ impl RobustConfig {
     }
 }
 
-/// Trimming as published (section 4.2): the median, a vote of half the 3x3 neighbours, and of 0.6 of a 16x16 patch on its
-/// 8x8 inner block.
-const TRIMMING: OutlierConfig = OutlierConfig {
-    judge_scale: 4.0,
-    trim_quantile: 0.5,
-    trim_diffuse: 0.5,
-    trim_vote: 0.6,
-    patch: 16,
-    patch_inner: 8,
-};
-
-/// Settings of the masks: [`TRIMMING`], with patches of half the size for small photos.
+/// Settings of the masks, with patches of half the size for small photos.
 pub(super) fn trimming(planning: &mut Planning<'_>) -> Result<OutlierConfig, SystemError> {
-    let mut planned = TRIMMING;
-    let longest = planning.data.views().iter().map(|v| v.camera.width.max(v.camera.height)).max().unwrap_or(0);
-    if longest < SMALL_PHOTO {
-        (planned.patch, planned.patch_inner) = (planned.patch / 2, planned.patch_inner / 2);
-        if !planning.is_set("patch") && !planning.is_set("patch_inner") {
-            planning.lines.push(format!(
-                "patches: {0}x{0}, inner {1}x{1}: half as large as elsewhere (photos of {longest} pixels, below {SMALL_PHOTO})",
-                planned.patch, planned.patch_inner
-            ));
-        }
+    let longest = planning.data.longest_side().unwrap_or(0);
+    let planned = OutlierConfig::of_photos(longest);
+    if longest < SMALL_PHOTO && !planning.is_set("patch") && !planning.is_set("patch_inner") {
+        planning.lines.push(format!(
+            "patches: {0}x{0}, inner {1}x{1}: half as large as elsewhere (photos of {longest} pixels, below {SMALL_PHOTO})",
+            planned.patch, planned.patch_inner
+        ));
     }
     let settings: OutlierConfig = planning.settings.of(&planned)?;
     settings.check()?;

@@ -28,6 +28,16 @@ impl L1DssimConfig {
     }
 }
 
+/// Which colours are to have the structure of the photo.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Structure {
+    /// Those of the picture.
+    #[default]
+    Picture,
+    /// Those before the appearance: structure is learnt by the cloud, not by codes (Kulhanek et al., "WildGaussians", 2024, equation 8).
+    Plain,
+}
+
 /// `(1 - lambda) mean |x - y| + lambda mean (1 - SSIM)` of rendered colours `x` and the photo's `y`, each pixel times its weight.
 ///
 /// # Source
@@ -35,12 +45,18 @@ impl L1DssimConfig {
 #[derive(Debug)]
 pub(crate) struct L1Dssim {
     lambda: f32,
+    structure: Structure,
     buffers: Dssim,
 }
 
 impl L1Dssim {
     pub(crate) fn new(simd: Simd, config: &L1DssimConfig) -> Self {
-        Self { lambda: config.dssim, buffers: Dssim::new(simd) }
+        Self { lambda: config.dssim, structure: Structure::Picture, buffers: Dssim::new(simd) }
+    }
+
+    /// The same, with the structure of other colours.
+    pub(crate) fn with_structure(self, structure: Structure) -> Self {
+        Self { structure, ..self }
     }
 }
 
@@ -60,7 +76,19 @@ impl PictureTerm for L1Dssim {
             target: Target::Planes(target.colour),
             weights: target.weights,
         };
-        *loss += self.buffers.l1_dssim_backward(&pair, self.lambda, 1.0, bars.colour())?.loss;
+        match picture.plain.filter(|_| self.structure == Structure::Plain) {
+            None => *loss += self.buffers.l1_dssim_backward(&pair, self.lambda, 1.0, bars.colour())?.loss,
+            Some(plain) => {
+                let share = f64::from(self.lambda);
+                *loss += (1.0 - share) * self.buffers.l1_dssim_backward(&pair, 0.0, 1.0 - share, bars.colour())?.l1;
+                let pair = Pair { x: plain, ..pair };
+                *loss += share * self.buffers.dssim_backward(&pair, share, bars.plain())?;
+            }
+        }
         Ok(())
+    }
+
+    fn reads_plain(&self) -> bool {
+        self.structure == Structure::Plain
     }
 }

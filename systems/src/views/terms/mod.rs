@@ -11,7 +11,7 @@ mod tests;
 
 #[cfg(test)]
 pub(crate) use depth::{DepthMap, DepthTerm};
-pub(crate) use l1_dssim::{L1Dssim, L1DssimConfig};
+pub(crate) use l1_dssim::{L1Dssim, L1DssimConfig, Structure};
 
 use super::planes::{PlaneBars, RenderedPicture};
 use losses::LossError;
@@ -43,6 +43,11 @@ pub(crate) trait PictureTerm: Send + Sync {
 
     /// Whether it reads the depth of a picture.
     fn reads_depth(&self) -> bool {
+        false
+    }
+
+    /// Whether it reads the colours before the appearance.
+    fn reads_plain(&self) -> bool {
         false
     }
 }

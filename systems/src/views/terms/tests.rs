@@ -47,11 +47,12 @@ impl Made {
             colour: &self.colour,
             depth: Some(&self.depth),
             extras: &[],
+            plain: None,
             transmittance: &self.transmittance,
         };
         let target = TargetPicture { view: 0, colour: &self.photo, weights };
         let (mut bars, mut loss) = (PlaneBars::default(), 0.0);
-        bars.begin(PIXELS, 4, PlaneLayout { depth: true, extras: 0 });
+        bars.begin(PIXELS, 4, PlaneLayout { depth: true, extras: 0, plain: false });
         term.add(&picture, &target, &mut bars, &mut loss).unwrap();
         (loss, [bars.colour().to_vec(), bars.depth().to_vec(), bars.transmittance().to_vec()])
     }

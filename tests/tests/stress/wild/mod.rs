@@ -16,15 +16,20 @@ use engine::system::{Appearance, Query, System, SystemError, TensorData};
 use scene_io::Scene;
 use stress::{Verdict, ensure, finite};
 
-/// The systems that do something about photos.
+/// The systems that do something about photos, on fields.
 const METHODS: [&str; 9] =
     ["robust-nerf", "nerf-w", "nerf-a", "nerf-u", "ha-nerf", "ha-nerf-a", "ha-nerf-t", "sf-nerf", "hugs"];
+/// The one that is a cloud.
+const CLOUD: &str = "wild-gaussians";
+/// A cloud with few Gaussians, that come and go.
+const TINY_CLOUD: [&str; 6] =
+    ["start=random", "start_count=200", "max_splats=400", "densify_from=1", "densify_every=2", "horizon=6"];
 
 /// Settings with which the parts of a system are small, and have judged their photos twice after five steps.
 fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
     let chosen = |key: &str| set.iter().rev().find_map(|s| s.strip_prefix(key)?.strip_prefix('='));
     let appearance = chosen("appearance").unwrap_or(match name {
-        "nerf-w" | "nerf-a" | "sf-nerf" => "codes",
+        "nerf-w" | "nerf-a" | "sf-nerf" | CLOUD => "codes",
         "ha-nerf" | "ha-nerf-a" => "encoder",
         _ => "none",
     });
@@ -42,6 +47,8 @@ fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
     };
     let of_occluders: &[&str] = match name {
         "robust-nerf" => &["judge_first=2"],
+        CLOUD if chosen("occluders").is_none() => &["judge_first=2"],
+        CLOUD if chosen("occluders") == Some("residual") => &["judge_from=0.2"],
         "hugs" => &["warmup_steps=2", "superpixels=9"],
         "nerf-w" | "nerf-u" => &["transient_dims=4"],
         "ha-nerf" | "ha-nerf-t" => &["visibility_width=8", "visibility_depth=1", "visibility_dims=4"],
@@ -56,7 +63,11 @@ const STEPS: u64 = 5;
 
 /// Build a system with settings written as on the command line, `field=mlp` among them; later ones win.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
-    let field: &[&str] = if set.contains(&"field=mlp") { &TINY_NERF } else { &TINY_NGP };
+    let field: &[&str] = match name {
+        CLOUD => &TINY_CLOUD,
+        _ if set.contains(&"field=mlp") => &TINY_NERF,
+        _ => &TINY_NGP,
+    };
     let small = small(name, set);
     let set = small.iter().chain(field).chain(set).map(|s| parse_set(s).unwrap()).collect();
     let options = RunOptions { seed: 1, background: Some(Background::White), error_budget: None, stop: None, set };

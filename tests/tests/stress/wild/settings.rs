@@ -6,7 +6,7 @@ use scene_io::{PerturbationKind, perturb};
 use stress::Tally;
 
 /// Accepted at either end, by method.
-const ACCEPTED: [(&str, &str); 9] = [
+const ACCEPTED: [(&str, &str); 10] = [
     (
         "robust-nerf",
         "judging=batch judging=never judge_first=1 judge_first=9223372036854775807 judge_scale=1e-38 judge_scale=3e38
@@ -60,6 +60,15 @@ const ACCEPTED: [(&str, &str); 9] = [
         "warmup_steps=1 warmup_steps=9223372036854775807 restart=anew track_share=0.0 track_share=1.0 segments=pixels
         segments=superpixels superpixels=1 superpixels=65535 segment_share=1e-38 segment_share=1.0 file_share=1e-38
         file_share=1.0 judge_scale=1e-38 judge_scale=3e38 appearance=codes appearance=encoder",
+    ),
+    (
+        "wild-gaussians",
+        "appearance=none occluders=none occluders=residual appearance=none+occluders=none appearance_dims=1
+        appearance_dims=256 tone_width=1 tone_width=512 tone_scale=1e-38 tone_scale=1000.0 code_lr=1e-38 code_lr=1000.0
+        place_code_lr=0.0 place_code_lr=1000.0 tone_lr=1e-38 tone_lr=1000.0 judge_first=1 judge_first=9223372036854775807
+        judge_scale=1e-38 judge_scale=3e38 trim_quantile=0.0 trim_quantile=1.0 patch=4 patch=256
+        occluders=residual+judge_from=0.0+judge_warmup=0.0 occluders=residual+judge_warmup=1.0
+        occluders=residual+uncertainty_weight=2.0 occluders=residual+uncertainty_weight=1e-38",
     ),
 ];
 

@@ -1,0 +1,24 @@
+//! Which kind.
+
+use serde::{Deserialize, Serialize};
+
+/// What is done about occluders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum CloudOccluders {
+    /// There are none.
+    #[default]
+    None,
+    /// Masks, found by comparing all photos with their renders.
+    Photos,
+    /// What has not the structure of its photo is left out, photo by photo.
+    Residual,
+}
+
+/// The kind, as a setting.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct OccluderChoice {
+    /// `none`, `photos` or `residual`.
+    pub(crate) occluders: CloudOccluders,
+}

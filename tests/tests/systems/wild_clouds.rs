@@ -1,0 +1,183 @@
+//! Clouds from photos of many people: appearance changes colours only, is found again and baked; masks find what stands in the way.
+
+use engine::data::Dataset;
+use engine::halt::Halt;
+use engine::options::{Background, RunOptions, parse_set};
+use engine::render::{plain_query, render};
+use engine::system::{Appearance, Fit, Query, System};
+use scene_io::synthetic::{TabletopOptions, tabletop};
+use scene_io::{PerturbationKind, Scene, perturb};
+use std::sync::Arc;
+use systems::registry::build;
+use systems::splats::Cloud;
+use tests::{assert_same_bits, state_after, views};
+
+const SIDE: u32 = 48;
+const SMALL: [&str; 8] = [
+    "start=random",
+    "start_count=1500",
+    "max_splats=4000",
+    "densify_from=40",
+    "densify_every=20",
+    "coarse=0",
+    "smoothing=0",
+    "horizon=600",
+];
+
+fn scene(views: usize, kind: PerturbationKind) -> Scene {
+    let options =
+        TabletopOptions { width: SIDE, height: SIDE, train: views, test: 1, rays: 1, ..TabletopOptions::default() };
+    perturb(tabletop(&options), kind, 3)
+}
+
+fn system(scene: &Scene, train: &Dataset, set: &[&str]) -> Box<dyn System> {
+    let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
+    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
+    build("wild-gaussians", scene, train, &run).unwrap().0
+}
+
+fn trained(scene: &Scene, train: &Dataset, set: &[&str], steps: u64) -> Box<dyn System> {
+    let mut system = system(scene, train, set);
+    for step in 0..steps {
+        system.step(train, step).unwrap();
+    }
+    system
+}
+
+#[test]
+fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
+    // The field before the cloud sees something after some steps, and goes on to say where Gaussians begin.
+    let field = ["start=field", "field_steps=3", "refill=0.5", "judge_first=1"];
+    for set in [&["judge_first=2"][..], &["occluders=residual", "judge_from=0.0"], &["appearance=none"], &field] {
+        println!("{set:?}");
+        assert_same_bits(|steps, state| {
+            let scene = scene(8, PerturbationKind::Both);
+            let train = views(&scene, 1).0;
+            let often = ["densify_from=1", "densify_every=2", "densify_gradient=1e-6"];
+            let set: Vec<&str> = set.iter().copied().chain(often).collect();
+            state_after(system(&scene, &train, &set), &train, steps, state)
+        });
+    }
+}
+
+/// Root of the mean square of differences of colours.
+fn off(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
+    let squares = a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b).powi(2));
+    (squares.sum::<f32>() / (3 * a.len()) as f32).sqrt()
+}
+
+#[test]
+fn an_appearance_changes_colours_alone_is_found_again_and_baked() {
+    let scene = scene(8, PerturbationKind::Colour);
+    let train = views(&scene, 1).0;
+    let system = trained(&scene, &train, &["occluders=none", "appearance_dims=4"], 200);
+    let camera = train.view(0).camera;
+    let query = |appearance| Query { appearance, ..plain_query([1.0; 3], 0.0) };
+    let shown = |appearance| render(system.as_ref(), &camera, &query(appearance)).layers;
+    let [a, b, mean] = [Appearance::View(0), Appearance::View(1), Appearance::Mean].map(shown);
+    assert!(a.depth == b.depth && a.opacity == b.opacity && a.median_depth == b.median_depth);
+    assert!(off(&a.rgb, &b.rgb) > 0.02, "two photos of different appearance are nearly the same");
+    let code: Arc<[f32]> = system.appearance_code(&Appearance::View(1)).unwrap().into();
+    assert_eq!(shown(Appearance::Code(code)).rgb, b.rgb);
+
+    // From the left half of the picture in the appearance of photo 1.
+    let view = train.view(0);
+    let left = |i: &usize| i % (SIDE as usize) < SIDE as usize / 2;
+    let half: Vec<usize> = (0..b.rgb.len()).filter(left).collect();
+    let rays: Vec<_> = view.rays(0..camera.height).map(Option::unwrap).collect();
+    let (rays, rgb): (Vec<_>, Vec<_>) = half.iter().map(|&i| (rays[i], b.rgb[i])).unzip();
+    let fit = Fit {
+        rays: &rays,
+        rgb: &rgb,
+        time: 0.0,
+        background: [1.0; 3],
+        steps: 200,
+        lr: 0.05,
+        seed: 1,
+        halt: &Halt::NEVER,
+    };
+    let found = system.fit_appearance(&fit).unwrap();
+    let again = shown(Appearance::Code(Arc::from(found)));
+    let right = |rgb: &[[f32; 3]]| -> Vec<[f32; 3]> { (0..rgb.len()).filter(|i| !left(i)).map(|i| rgb[i]).collect() };
+    let (fitted, as_mean) = (off(&right(&again.rgb), &right(&b.rgb)), off(&right(&mean.rgb), &right(&b.rgb)));
+    assert!(fitted < 0.3 * as_mean, "fitted: off by {fitted}; the mean appearance by {as_mean}");
+
+    // Baked, it is what was rendered, but where colours were cut off at 0.
+    let baked = system.splats(&query(Appearance::View(1))).unwrap();
+    let picture = Cloud::exact(baked).render(&camera, &query(Appearance::Mean)).unwrap().layers;
+    let far = off(&picture.rgb, &b.rgb);
+    assert!(far < 2e-3, "baked: off by {far}");
+    let plain = system.splats(&query(Appearance::View(0))).unwrap();
+    let other = Cloud::exact(plain).render(&camera, &query(Appearance::Mean)).unwrap().layers;
+    assert!(off(&other.rgb, &b.rgb) > 5.0 * far);
+}
+
+#[test]
+fn an_appearance_for_each_photo_is_worth_what_it_costs() {
+    let scene = scene(24, PerturbationKind::Colour);
+    let train = views(&scene, 1).0;
+    let error = |set: &[&str]| {
+        let system = trained(&scene, &train, &[&["occluders=none", "sh_degree=1"], set].concat(), 600);
+        let one = |view: usize| {
+            let query = Query { appearance: Appearance::View(view), ..plain_query([1.0; 3], 0.0) };
+            let rgb = render(system.as_ref(), &train.view(view).camera, &query).layers.rgb;
+            let photo = train.image(view).unwrap();
+            let channels = usize::from(photo.channels);
+            let truth = photo.data.chunks(channels).map(|p| {
+                let alpha = p.get(3).map_or(1.0, |a| f32::from(*a) / 255.0);
+                [0, 1, 2].map(|c| f32::from(p[c]) / 255.0 * alpha + 1.0 - alpha)
+            });
+            off(&rgb, &truth.collect::<Vec<_>>())
+        };
+        (0..train.len()).map(one).sum::<f32>() / train.len() as f32
+    };
+    let (with, without) = (error(&[]), error(&["appearance=none"]));
+    println!("with codes {with}, without {without}");
+    // 3 dB.
+    assert!(with < 0.708 * without, "with codes off by {with}, without by {without}");
+}
+
+#[test]
+fn masks_find_what_stands_before_the_scene() {
+    let scene = scene(24, PerturbationKind::Occluder);
+    let train = views(&scene, 1).0;
+    // Structure marks what is not learnt yet, too: thin things in pictures this small.
+    for (set, least) in [(&["judge_first=100"][..], 0.5), (&["occluders=residual", "judge_from=0.3"], 0.3)] {
+        let system = trained(&scene, &train, &[&["appearance=none"], set].concat(), 600);
+        let (mut right, mut marked, mut hidden) = (0.0, 0.0, 0.0);
+        for view in 0..train.len() {
+            let bars = scene.frames[train.view(view).frame].perturbation.as_ref().and_then(|p| p.bars);
+            let mask = system.visibility(&train, view).unwrap().unwrap();
+            for (i, counts) in mask.iter().enumerate() {
+                let (x, y) = (i as u32 % SIDE, i as u32 / SIDE);
+                let is_hidden = bars.is_some_and(|bars| bars.at(x, y).is_some());
+                let is_marked = *counts == 0.0;
+                right += f64::from(u8::from(is_hidden && is_marked));
+                (marked, hidden) = (marked + f64::from(u8::from(is_marked)), hidden + f64::from(u8::from(is_hidden)));
+            }
+        }
+        let f1 = 2.0 * right / (marked + hidden);
+        let found = right / hidden;
+        println!("{set:?}: F1 {f1:.2}, {marked} pixels marked, {hidden} hidden, {found:.2} of them found");
+        assert!(f1 > least && found > 0.5, "{set:?}: F1 {f1}, {found} found");
+    }
+}
+
+#[test]
+fn a_setting_that_cannot_work_is_named() {
+    let scene = scene(2, PerturbationKind::Both);
+    let train = views(&scene, 1).0;
+    for (set, word) in [
+        ("tone_width=0", "tone_width"),
+        ("appearance_dims=0", "appearance_dims"),
+        ("judge_first=0", "judge_first"),
+        ("appearance=encoder", "appearance"),
+        ("occluders=transient", "occluders"),
+        ("judge_from=0.5", "judge_from"),
+    ] {
+        let set = [parse_set(set).unwrap()].into_iter().collect();
+        let run = RunOptions { seed: 3, background: None, error_budget: None, stop: None, set };
+        let error = build("wild-gaussians", &scene, &train, &run).err().map(|e| e.to_string());
+        assert!(error.as_ref().is_some_and(|e| e.contains(word)), "{word}: {error:?}");
+    }
+}
