@@ -32,7 +32,7 @@ pub(crate) use moving::{COHERENCE, DepthUse, Moving, check_still_camera, moving_
 #[cfg(test)]
 pub(crate) use ngp_settings::HASH_GRID;
 pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};
-pub(crate) use pace::CloudPace;
+pub(crate) use pace::{CloudPace, FieldShare};
 pub(crate) use ray_choice::RaySettings;
 pub use speed::machine_speed;
 pub(crate) use still_part::Background;

@@ -7,7 +7,7 @@ use crate::cloud_motion::{DeformationField, MotionParts, MotionSettings, UnitBox
 use crate::fields::{FeatureSource, view_times};
 use crate::free_space::free_space_line;
 use crate::layout::Layout;
-use crate::plan::{Ask, Built, CloudPace, DepthUse, Ground, check_still_camera, has_alpha};
+use crate::plan::{Ask, Built, CloudPace, DepthUse, FieldShare, Ground, check_still_camera, has_alpha};
 use crate::schedule::PlannedTime;
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
@@ -205,7 +205,8 @@ impl Planned {
         lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
         let still = CloudPace::of(data)?;
         let pace = if moves { still.moving() } else { still };
-        let field_steps = field_steps(CloudPace::field_steps(stop));
+        let share = if recipe.photos.is_some() { FieldShare::Large } else { FieldShare::Usual };
+        let field_steps = field_steps(CloudPace::field_steps(stop, share));
         let planned = match (moves || recipe.photos.is_some()) && has_alpha(data)? {
             true => StartConfig::of_cut_out_thing(scene),
             false => StartConfig::planned(scene, field_steps),
