@@ -80,11 +80,11 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// The colours over one background.
-    #[must_use]
-    pub fn over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
-        let over = |(rgb, alpha): (&[f32; 3], &f32)| [0, 1, 2].map(|c| rgb[c] * alpha + background[c] * (1.0 - alpha));
-        self.rgb.iter().zip(&self.alpha).map(over).collect()
+    /// The colours over what is behind each, written to `out`.
+    pub fn over(&self, behind: impl IntoIterator<Item = [f32; 3]>, out: &mut Vec<[f32; 3]>) {
+        out.clear();
+        let pixels = self.rgb.iter().zip(&self.alpha).zip(behind);
+        out.extend(pixels.map(|((rgb, alpha), behind)| [0, 1, 2].map(|c| rgb[c] * alpha + behind[c] * (1.0 - alpha))));
     }
 
     /// Number of rays.

@@ -1,12 +1,13 @@
 //! The tone of a cloud against its definition in `f64`, and what it must do.
 
 use super::*;
-use crate::views::{ColourAppearance, ColourBars, DrawnCloud, Learns, PlaceCodes};
+use crate::views::{ColourAppearance, ColourBars, DrawnCloud, Learns, PlaceCodes, VisibleCloud};
 use engine::system::{Appearance, Tensor, TensorMap};
 use field_core::rng::Rng;
 use float_core::Simd;
 use splat_core::{Gaussians, ProjectedGaussian};
 use std::sync::Arc;
+use testkit::gradient::central_difference;
 use testkit::reference::network::{Bias, Network};
 
 const N: usize = 6;
@@ -43,8 +44,9 @@ fn cloud() -> Gaussians {
     cloud
 }
 
-fn drawn<'a>(gaussians: &'a Gaussians, extra: &'a [f32]) -> DrawnCloud<'a> {
-    DrawnCloud { index: 0, gaussians, extra, composited: 0, degree: 1 }
+fn seen<'a>(gaussians: &'a Gaussians, extra: &'a [f32], visible: &'a [ProjectedGaussian]) -> VisibleCloud<'a> {
+    let cloud = DrawnCloud { index: 0, gaussians, extra, composited: 0, degree: 1 };
+    VisibleCloud { cloud, gaussians: visible }
 }
 
 /// All but the second Gaussian, from the last to the first.
@@ -103,15 +105,11 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 /// Largest difference between gradients and differences of the twin, relative to the largest gradient.
 fn worst(twin: &Twin, weights: &[[f32; 3]], got: &[f32], part: impl Fn(&mut Twin) -> &mut Vec<f64>) -> f64 {
-    let difference = |k: usize| {
-        let along = |h: f64| {
-            let mut at = twin.clone();
-            part(&mut at)[k] += h;
-            at.value(weights)
-        };
-        (along(1e-6) - along(-1e-6)) / 2e-6
-    };
-    let want: Vec<f64> = (0..got.len()).map(difference).collect();
+    let want = central_difference(&part(&mut twin.clone()).clone(), |values| {
+        let mut at = twin.clone();
+        part(&mut at).copy_from_slice(values);
+        at.value(weights)
+    });
     let largest = want.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     assert!(largest > 1e-3, "nothing depends on it");
     want.iter().zip(got).map(|(want, got)| (want - f64::from(*got)).abs() / largest).fold(0.0, f64::max)
@@ -121,7 +119,7 @@ fn worst(twin: &Twin, weights: &[[f32; 3]], got: &[f32], part: impl Fn(&mut Twin
 fn tones_and_their_gradients_are_those_of_the_definition() {
     let (mut tone, cloud, visible) = (tone(), cloud(), visible());
     let extra = PlaceCodes::of(&cloud).rows(&cloud);
-    let drawn = drawn(&cloud, &extra);
+    let seen = seen(&cloud, &extra, &visible);
     let appearance = Appearance::View(2);
     let (rgb, weights) = (colours(1), colours(2));
     let twin = Twin {
@@ -132,7 +130,7 @@ fn tones_and_their_gradients_are_those_of_the_definition() {
         rgb: wide(rgb.as_flattened()),
     };
     let mut toned = rgb.clone();
-    tone.forward(&appearance, &drawn, &visible, &mut toned);
+    tone.forward(&appearance, seen, &mut toned);
     for (got, want) in toned.as_flattened().iter().zip(twin.toned()) {
         assert!((f64::from(*got) - want).abs() < 1e-5, "{got} {want}");
     }
@@ -140,7 +138,7 @@ fn tones_and_their_gradients_are_those_of_the_definition() {
     let mut bar = weights.clone();
     let (mut base, mut extra_bar) = (vec![[0.0; 3]; visible.len()], vec![0.0; extra.len()]);
     let bars = ColourBars { rgb: &mut bar, base: &mut base, extra: &mut extra_bar };
-    tone.backward(&appearance, &drawn, &visible, &rgb, bars);
+    tone.backward(&appearance, seen, &rgb, bars);
     let mut base_bar = vec![0.0; 3 * N];
     for (gaussian, base) in visible.iter().zip(&base) {
         (0..3).for_each(|c| base_bar[c * N + gaussian.index as usize] = base[c]);
@@ -156,7 +154,7 @@ fn tones_and_their_gradients_are_those_of_the_definition() {
         assert!(error < 1e-4, "{name}: {error}");
     }
     // The code alone, as a fit asks for it.
-    let alone = tone.code_bar(&tone.code(&appearance), &drawn, &visible, &rgb, &mut weights.clone());
+    let alone = tone.code_bar(&tone.code(&appearance), seen, &rgb, &mut weights.clone());
     assert_eq!(alone, code_bar);
 }
 
@@ -165,19 +163,19 @@ fn trained(tint: impl Fn(usize) -> [f32; 3], steps: u64) -> (Tone, Vec<f32>) {
     let mut tone = Tone::new(ToneSettings { tone_width: 16, ..SETTINGS }, PHOTOS, HORIZON, 3).unwrap();
     let (cloud, visible, rgb) = (cloud(), visible(), colours(1));
     let extra = PlaceCodes::of(&cloud).rows(&cloud);
-    let drawn = drawn(&cloud, &extra);
+    let seen = seen(&cloud, &extra, &visible);
     let mut errors = Vec::new();
     for step in 0..steps {
         let photo = step as usize % PHOTOS;
         let (appearance, tint) = (Appearance::View(photo), tint(photo));
         let mut toned = rgb.clone();
-        tone.forward(&appearance, &drawn, &visible, &mut toned);
+        tone.forward(&appearance, seen, &mut toned);
         let away = |(toned, rgb): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| toned[c] - tint[c] * rgb[c]);
         let mut bar: Vec<[f32; 3]> = toned.iter().zip(&rgb).map(away).collect();
         errors.push(bar.as_flattened().iter().map(|e| e * e).sum::<f32>() / bar.len() as f32);
         let (mut base, mut extra_bar) = (vec![[0.0; 3]; visible.len()], vec![0.0; extra.len()]);
         let bars = ColourBars { rgb: &mut bar, base: &mut base, extra: &mut extra_bar };
-        tone.backward(&appearance, &drawn, &visible, &rgb, bars);
+        tone.backward(&appearance, seen, &rgb, bars);
         assert_eq!(tone.step(Simd::best(), step), 0);
     }
     (tone, errors)
@@ -220,8 +218,8 @@ fn given_codes_and_their_mean_are_appearances_and_nothing_visible_is_nothing() {
     let given: Arc<[f32]> = Arc::from([1.0, 2.0, 3.0]);
     assert_eq!(tone.code(&Appearance::Code(given.clone())), [1.0, 2.0, 3.0]);
     let empty = Gaussians::new(0, 0).unwrap();
-    tone.forward(&Appearance::Code(given.clone()), &drawn(&empty, &[]), &[], &mut []);
-    let bar = tone.code_bar(&given, &drawn(&empty, &[]), &[], &[], &mut []);
+    tone.forward(&Appearance::Code(given.clone()), seen(&empty, &[], &[]), &mut []);
+    let bar = tone.code_bar(&given, seen(&empty, &[], &[]), &[], &mut []);
     assert_eq!(bar, [0.0; DIMS]);
 }
 
@@ -246,5 +244,5 @@ fn a_code_of_another_system_is_refused() {
     let (tone, cloud) = (tone(), cloud());
     let extra = PlaceCodes::of(&cloud).rows(&cloud);
     let code: Arc<[f32]> = Arc::from([1.0; DIMS + 1]);
-    tone.forward(&Appearance::Code(code), &drawn(&cloud, &extra), &visible(), &mut colours(1));
+    tone.forward(&Appearance::Code(code), seen(&cloud, &extra, &visible()), &mut colours(1));
 }

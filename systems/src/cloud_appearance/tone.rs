@@ -10,16 +10,15 @@
 use super::settings::ToneSettings;
 use crate::buffers::sized;
 use crate::codes::CodeTable;
-use crate::fields::RowNetwork;
-use crate::views::{ColourAppearance, ColourBars, DrawnCloud, Learns, PlaceCodes};
-use engine::system::{Appearance, SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
+use crate::fields::{NetworkParameters, RowNetwork};
+use crate::views::{ColourAppearance, ColourBars, Learns, PlaceCodes, VisibleCloud};
+use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use field_core::init::Init;
 use field_core::mlp::MlpConfig;
 use field_core::rng::Rng;
 use float_core::Simd;
-use optim::{Adam, AdamConfig};
+use optim::AdamConfig;
 use rayon::prelude::*;
-use splat_core::ProjectedGaussian;
 
 /// Gaussians per task.
 const CHUNK: usize = 1024;
@@ -40,8 +39,7 @@ pub(crate) struct Tone {
     /// Of what belongs to a Gaussian; its parameters are the first ones.
     network: RowNetwork,
     /// Those of the network, then `[width][dims]`, what its first layer makes of a photo's code.
-    params: Vec<f32>,
-    adam: Adam,
+    params: NetworkParameters,
     simd: Simd,
     /// What the last photos said, for the next step.
     held: Vec<Held>,
@@ -76,9 +74,6 @@ struct ChunkBars {
 /// Numbers of a Gaussian that the network sees.
 const INPUTS: usize = 3 + PlaceCodes::ROWS;
 
-/// Colours, and the gradient with respect to them: that of those in the photo becomes that of those before.
-type Pair<'a> = (&'a [[f32; 3]], &'a mut [[f32; 3]]);
-
 impl Tone {
     /// All tones are those of the cloud at the start, nearly. The schedule is of `horizon` steps.
     ///
@@ -103,8 +98,7 @@ impl Tone {
             horizon,
             codes: CodeTable::new("tone", photos, dims, seed),
             network,
-            adam: Adam::new(params.len(), AdamConfig::DEFAULT),
-            params,
+            params: NetworkParameters::new(NAME, params, AdamConfig::DEFAULT),
             simd: Simd::best(),
             held: Vec::new(),
         })
@@ -113,12 +107,12 @@ impl Tone {
     /// The parameters of the network; those that a test sets.
     #[cfg(test)]
     pub(super) fn parameters(&self) -> &[f32] {
-        &self.params
+        &self.params.values
     }
 
     #[cfg(test)]
     pub(super) fn set_parameters(&mut self, params: Vec<f32>) {
-        self.params = params;
+        self.params.values = params;
     }
 
     /// What is held: the gradients with respect to all parameters and to the code of the last photo.
@@ -129,8 +123,8 @@ impl Tone {
 
     /// What the first layer makes of each number of a code: of each unit a row.
     fn of_code(&self) -> std::slice::ChunksExact<'_, f32> {
-        let first = self.params.len() - self.settings.tone_width * self.settings.appearance_dims;
-        self.params[first..].chunks_exact(self.settings.appearance_dims)
+        let first = self.params.values.len() - self.settings.tone_width * self.settings.appearance_dims;
+        self.params.values[first..].chunks_exact(self.settings.appearance_dims)
     }
 
     /// The network of a code.
@@ -139,7 +133,7 @@ impl Tone {
     /// For a code of another length: it is of another system.
     fn network(&self, code: &[f32]) -> RowNetwork {
         assert_eq!(code.len(), self.settings.appearance_dims, "a code has as many numbers as those of the photos");
-        let (mut network, mut params) = (self.network.clone(), self.params.clone());
+        let (mut network, mut params) = (self.network.clone(), self.params.values.clone());
         for (bias, row) in params[network.first_biases()].iter_mut().zip(self.of_code()) {
             *bias += row.iter().zip(code).map(|(w, x)| w * x).sum::<f32>();
         }
@@ -148,7 +142,8 @@ impl Tone {
     }
 
     /// What the network sees of Gaussians: `[INPUTS][n]`.
-    fn inputs<'x>(cloud: &DrawnCloud<'_>, visible: &[ProjectedGaussian], x: &'x mut Vec<f32>) -> &'x [f32] {
+    fn inputs<'x>(seen: VisibleCloud<'_>, x: &'x mut Vec<f32>) -> &'x [f32] {
+        let VisibleCloud { cloud, gaussians: visible } = seen;
         let (n, all) = (visible.len(), cloud.gaussians.len());
         let x = sized(x, INPUTS * n);
         let rows = cloud.gaussians.dc.chunks_exact(all.max(1)).take(3);
@@ -159,18 +154,18 @@ impl Tone {
         x
     }
 
-    /// Backward twin of one chunk of [`ColourAppearance::forward`].
+    /// Backward twin of one chunk of [`ColourAppearance::forward`]; `bar` becomes the gradient with respect to `rgb`.
     fn chunk_backward(
         &self,
         network: &RowNetwork,
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
-        (rgb, bar): Pair<'_>,
+        seen: VisibleCloud<'_>,
+        rgb: &[[f32; 3]],
+        bar: &mut [[f32; 3]],
         scratch: &mut Scratch,
     ) -> ChunkBars {
-        let n = visible.len();
+        let n = seen.gaussians.len();
         let Scratch { x, y, y_bar, acts, scratch } = scratch;
-        let x = Self::inputs(cloud, visible, x);
+        let x = Self::inputs(seen, x);
         let (y, y_bar) = (sized(y, OUTPUTS * n), sized(y_bar, OUTPUTS * n));
         let acts = network.forward(self.simd, x, n, y, acts);
         let scale = self.settings.tone_scale;
@@ -190,22 +185,22 @@ impl Tone {
     fn all_backward(
         &self,
         code: &[f32],
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
+        seen: VisibleCloud<'_>,
         rgb: &[[f32; 3]],
         bar: &mut [[f32; 3]],
     ) -> Vec<ChunkBars> {
         let network = self.network(code);
-        let chunks = visible.par_chunks(CHUNK).zip(rgb.par_chunks(CHUNK)).zip(bar.par_chunks_mut(CHUNK));
-        let backward = |scratch: &mut Scratch, ((visible, rgb), bar): ((&[ProjectedGaussian], _), _)| {
-            self.chunk_backward(&network, cloud, visible, (rgb, bar), scratch)
-        };
-        chunks.map_init(Scratch::default, backward).collect()
+        let chunks = seen.gaussians.par_chunks(CHUNK).zip(rgb.par_chunks(CHUNK)).zip(bar.par_chunks_mut(CHUNK));
+        chunks
+            .map_init(Scratch::default, |scratch, ((gaussians, rgb), bar)| {
+                self.chunk_backward(&network, VisibleCloud { gaussians, ..seen }, rgb, bar, scratch)
+            })
+            .collect()
     }
 
     /// What chunks bring to all parameters, and to the code.
     fn fold(&self, code: &[f32], chunks: &[ChunkBars]) -> Held {
-        let mut params = vec![0.0; self.params.len()];
+        let mut params = vec![0.0; self.params.values.len()];
         self.network.fold(chunks.iter().map(|chunk| &chunk.network[..]), &mut Vec::new(), &mut params);
         let biases = params[self.network.first_biases()].to_vec();
         let mut code_bar = vec![0.0; code.len()];
@@ -222,7 +217,7 @@ impl Tone {
 
     /// The gradient of what is held, summed in the order in which it came.
     fn gradient(&self) -> Vec<f32> {
-        let mut sum = vec![0.0; self.params.len()];
+        let mut sum = vec![0.0; self.params.values.len()];
         for held in &self.held {
             sum.iter_mut().zip(&held.params).for_each(|(sum, bar)| *sum += bar);
         }
@@ -235,20 +230,14 @@ impl ColourAppearance for Tone {
         self.codes.codes().code_of(appearance)
     }
 
-    fn forward(
-        &self,
-        appearance: &Appearance,
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
-        rgb: &mut [[f32; 3]],
-    ) {
+    fn forward(&self, appearance: &Appearance, seen: VisibleCloud<'_>, rgb: &mut [[f32; 3]]) {
         let network = self.network(&self.code(appearance));
         let scale = self.settings.tone_scale;
-        let chunks = visible.par_chunks(CHUNK).zip(rgb.par_chunks_mut(CHUNK));
+        let chunks = seen.gaussians.par_chunks(CHUNK).zip(rgb.par_chunks_mut(CHUNK));
         chunks.for_each_init(Scratch::default, |scratch, (visible, rgb)| {
             let n = visible.len();
             let Scratch { x, y, scratch, .. } = scratch;
-            let x = Self::inputs(cloud, visible, x);
+            let x = Self::inputs(VisibleCloud { gaussians: visible, ..seen }, x);
             let (y, scratch) = (sized(y, OUTPUTS * n), sized(scratch, network.infer_scratch_len()));
             network.infer(self.simd, x, n, y, scratch);
             for (i, rgb) in rgb.iter_mut().enumerate() {
@@ -257,18 +246,11 @@ impl ColourAppearance for Tone {
         });
     }
 
-    fn backward(
-        &mut self,
-        appearance: &Appearance,
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
-        rgb: &[[f32; 3]],
-        bars: ColourBars<'_>,
-    ) {
+    fn backward(&mut self, appearance: &Appearance, seen: VisibleCloud<'_>, rgb: &[[f32; 3]], bars: ColourBars<'_>) {
         let code = self.code(appearance);
-        let chunks = self.all_backward(&code, cloud, visible, rgb, bars.rgb);
-        let all = cloud.gaussians.len();
-        for ((visible, base), chunk) in visible.chunks(CHUNK).zip(bars.base.chunks_mut(CHUNK)).zip(&chunks) {
+        let chunks = self.all_backward(&code, seen, rgb, bars.rgb);
+        let all = seen.cloud.gaussians.len();
+        for ((visible, base), chunk) in seen.gaussians.chunks(CHUNK).zip(bars.base.chunks_mut(CHUNK)).zip(&chunks) {
             let (of_base, of_places) = chunk.inputs.split_at(3 * visible.len());
             let n = visible.len();
             for (i, base) in base.iter_mut().enumerate() {
@@ -287,15 +269,8 @@ impl ColourAppearance for Tone {
         self.held.push(held);
     }
 
-    fn code_bar(
-        &self,
-        code: &[f32],
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
-        rgb: &[[f32; 3]],
-        bar: &mut [[f32; 3]],
-    ) -> Vec<f32> {
-        let chunks = self.all_backward(code, cloud, visible, rgb, bar);
+    fn code_bar(&self, code: &[f32], seen: VisibleCloud<'_>, rgb: &[[f32; 3]], bar: &mut [[f32; 3]]) -> Vec<f32> {
+        let chunks = self.all_backward(code, seen, rgb, bar);
         self.fold(code, &chunks).code
     }
 }
@@ -307,7 +282,7 @@ impl Learns for Tone {
         }
         let gradient = self.gradient();
         let left = ToneSettings::left(step as f64 / self.horizon.max(1) as f64);
-        let mut bad = self.adam.step(simd, left * self.settings.tone_lr, &mut self.params, &gradient);
+        let mut bad = self.params.step(simd, left * self.settings.tone_lr, &gradient);
         for held in std::mem::take(&mut self.held) {
             if let Some(view) = held.view {
                 bad += self.codes.learn(simd, left * self.settings.code_lr, &[view], &held.code, 0.0);
@@ -317,8 +292,7 @@ impl Learns for Tone {
     }
 
     fn state(&self) -> Vec<Tensor<'_>> {
-        let mut out = vec![f32_tensor(NAME, &self.params)];
-        push_adam(&mut out, NAME, &self.adam);
+        let mut out = self.params.state();
         self.codes.push_state(&mut out);
         out
     }
@@ -328,15 +302,13 @@ impl Learns for Tone {
     }
 
     fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let params = take_numbers(state, NAME, self.params.len())?;
-        let adam = take_adam(state, NAME, &self.adam)?;
+        self.params.load(state)?;
         self.codes.load_state(state)?;
-        (self.params, self.adam) = (params, adam);
         self.held.clear();
         Ok(())
     }
 
     fn parameter_count(&self) -> usize {
-        self.params.len() + self.codes.len()
+        self.params.values.len() + self.codes.len()
     }
 }

@@ -6,12 +6,12 @@
 //! ```
 
 use crate::buffers::sized;
-use crate::fields::RowNetwork;
-use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
+use crate::fields::{NetworkParameters, RowNetwork};
+use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::mlp::{Activation, MlpConfig};
 use field_core::rng::Rng;
 use float_core::Simd;
-use optim::{Adam, AdamConfig};
+use optim::AdamConfig;
 use splat_core::{Field, Gaussians};
 use std::ops::Range;
 
@@ -24,8 +24,7 @@ const NAME: &str = "motion.networks";
 pub(super) struct Decoder {
     trunk: RowNetwork,
     heads: Vec<Head>,
-    params: Vec<f32>,
-    adam: Adam,
+    params: NetworkParameters,
 }
 
 /// The network of one kind of offset.
@@ -82,7 +81,7 @@ impl Decoder {
             network.begin_at_zero(&mut params);
             heads.push(Head { network, field, rows });
         }
-        let mut new = Self { trunk, heads, adam: Adam::new(params.len(), ADAM), params };
+        let mut new = Self { trunk, heads, params: NetworkParameters::new(NAME, params, ADAM) };
         new.pack();
         Ok(new)
     }
@@ -145,14 +144,14 @@ impl Decoder {
     /// One step with the gradients of chunks, summed in their order. Returns how many entries were not finite.
     pub(super) fn step(&mut self, simd: Simd, lr: f64, chunks: &[&PackedGradients]) -> usize {
         let gradient = self.gradient(chunks);
-        let bad = self.adam.step(simd, lr, &mut self.params, &gradient);
+        let bad = self.params.step(simd, lr, &gradient);
         self.pack();
         bad
     }
 
     /// The gradient of chunks, summed in their order, in the order of the parameters.
     pub(super) fn gradient(&self, chunks: &[&PackedGradients]) -> Vec<f32> {
-        let mut gradient = vec![0.0; self.params.len()];
+        let mut gradient = vec![0.0; self.params.values.len()];
         let mut packed = Vec::new();
         let networks = std::iter::once(&self.trunk).chain(self.heads.iter().map(|head| &head.network));
         for (k, network) in networks.enumerate() {
@@ -163,31 +162,27 @@ impl Decoder {
 
     /// Number of parameters.
     pub(super) fn param_count(&self) -> usize {
-        self.params.len()
+        self.params.values.len()
     }
 
     #[cfg(test)]
     pub(super) fn parameters(&self) -> &[f32] {
-        &self.params
+        &self.params.values
     }
 
     #[cfg(test)]
     pub(super) fn set_parameters(&mut self, params: Vec<f32>) {
-        self.params = params;
+        self.params.values = params;
         self.pack();
     }
 
     pub(super) fn state(&self) -> Vec<Tensor<'_>> {
-        let mut out = vec![f32_tensor(NAME, &self.params)];
-        push_adam(&mut out, NAME, &self.adam);
-        out
+        self.params.state()
     }
 
     /// What [`state`](Self::state) wrote. Nothing has changed where it does not fit.
     pub(super) fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        let params = take_numbers(state, NAME, self.params.len())?;
-        self.adam = take_adam(state, NAME, &self.adam)?;
-        self.params = params;
+        self.params.load(state)?;
         self.pack();
         Ok(())
     }
@@ -198,7 +193,7 @@ impl Decoder {
 
     fn pack(&mut self) {
         for network in std::iter::once(&mut self.trunk).chain(self.heads.iter_mut().map(|head| &mut head.network)) {
-            network.pack(&self.params);
+            network.pack(&self.params.values);
         }
     }
 }

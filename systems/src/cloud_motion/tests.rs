@@ -11,6 +11,7 @@ use float_core::Simd;
 use glam::DVec3;
 use scene_io::Bounds;
 use splat_core::{Field, Gaussians, rest_len};
+use testkit::gradient::central_difference;
 use testkit::reference::network::{Bias, Network};
 use testkit::reference::planes::{Combine, Planes};
 
@@ -159,15 +160,11 @@ impl Twin {
 
 /// Largest difference between gradients and differences of the twin, relative to the largest gradient.
 fn worst(twin: &Twin, weights: &[f64], got: &[f64], part: impl Fn(&mut Twin) -> &mut Vec<f64>) -> f64 {
-    let difference = |k: usize| {
-        let along = |h: f64| {
-            let mut at = twin.clone();
-            part(&mut at)[k] += h;
-            at.value(weights)
-        };
-        (along(1e-6) - along(-1e-6)) / 2e-6
-    };
-    let want: Vec<f64> = (0..got.len()).map(difference).collect();
+    let want = central_difference(&part(&mut twin.clone()).clone(), |values| {
+        let mut at = twin.clone();
+        part(&mut at).copy_from_slice(values);
+        at.value(weights)
+    });
     let largest = want.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     assert!(largest > 1e-3, "a gradient that is 0 says nothing");
     got.iter().zip(&want).map(|(got, want)| (got - want).abs() / largest).fold(0.0, f64::max)

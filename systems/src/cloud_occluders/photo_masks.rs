@@ -5,7 +5,7 @@ use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig, PhotoOutli
 use crate::occluders::static_maps::{StaticMap, StaticMaps};
 use crate::occluders::survey::{is_doubled, survey_stride};
 use crate::photo_model::PhotoAndRender;
-use crate::views::{StepPhoto, SurveyJudge, Weights, nearest};
+use crate::views::{StepPhoto, SurveyJudge, Weights, nearest, source};
 use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap};
 use glam::DVec2;
@@ -40,9 +40,10 @@ pub(crate) struct PhotoMasks {
     stride: u32,
     /// The photos' cameras: photos of lenses that bend light are drawn onto a plane for training.
     cameras: Vec<Camera>,
-    /// Of photos as they are, and of photos on the plane of a camera without a lens.
+    /// Of photos as they are.
     seen: StaticMaps,
-    flat: Vec<StaticMap>,
+    /// Of each photo whose lens bends light, on the plane of its camera without a lens.
+    flat: Vec<Option<StaticMap>>,
 }
 
 impl PhotoMasks {
@@ -66,29 +67,29 @@ impl PhotoMasks {
     }
 
     /// The maps of `seen` as training sees its photos.
-    fn flatten(&self) -> Vec<StaticMap> {
-        let flat = |(view, camera): (usize, &Camera)| {
-            self.seen.of(view).map_or_else(StaticMap::default, |map| on_plane(map, camera))
+    fn flatten(&self) -> Vec<Option<StaticMap>> {
+        let bent = |(view, camera): (usize, &Camera)| {
+            self.seen.of(view).filter(|_| !camera.lens.is_pinhole()).map(|map| on_plane(map, camera))
         };
-        self.cameras.iter().enumerate().map(flat).collect()
+        self.cameras.iter().enumerate().map(bent).collect()
+    }
+
+    /// The map of a photo as training sees it.
+    fn of_step(&self, view: usize) -> Option<&StaticMap> {
+        self.flat.get(view).and_then(Option::as_ref).or_else(|| self.seen.of(view))
     }
 }
 
 /// The map of a photo on the plane of its camera without a lens.
 fn on_plane(map: &StaticMap, camera: &Camera) -> StaticMap {
-    if camera.lens.is_pinhole() || map.width == 0 {
-        return map.clone();
-    }
     let seen = camera.prepare();
     let bits = (0..map.bits.len())
         .map(|i| {
             let middle = |k: usize| (k as f64 + 0.5) * map.stride as f64;
             let at = DVec2::new(middle(i % map.width), middle(i / map.width));
-            let tangent = (at - DVec2::new(camera.cx, camera.cy)) / DVec2::new(camera.fx, camera.fy);
-            let inside = |p: &DVec2| p.x >= 0.0 && p.y >= 0.0;
             // What the photo does not show has no colour there either.
-            let source = seen.project_from_camera(tangent.extend(1.0)).filter(inside);
-            source.map_or(1, |p| map.at(p.x as usize, p.y as usize))
+            let inside = |p: &DVec2| p.x >= 0.0 && p.y >= 0.0;
+            source(&seen, camera, at).filter(inside).map_or(1, |p| map.at(p.x as usize, p.y as usize))
         })
         .collect();
     StaticMap { bits, ..*map }
@@ -110,7 +111,7 @@ impl SurveyJudge for PhotoMasks {
     }
 
     fn weigh(&self, photo: &StepPhoto<'_>, weights: &mut Weights) {
-        let Some((map, camera)) = self.flat.get(photo.view).zip(self.cameras.get(photo.view)) else { return };
+        let Some((map, camera)) = self.of_step(photo.view).zip(self.cameras.get(photo.view)) else { return };
         let size = [photo.image.width as usize, photo.image.height as usize];
         let of = [camera.width as usize, camera.height as usize];
         weights.multiply(size[0] * size[1], |i| {

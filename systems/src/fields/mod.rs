@@ -38,7 +38,7 @@ pub(crate) use network::{fold_gradients, xavier};
 pub use networks::{NetworkConfig, NetworkPrecision};
 pub(crate) use placing::{Placing, When};
 pub(crate) use plane_grid::{PlaneGridSettings, PlaneGridSource};
-pub(crate) use row_network::RowNetwork;
+pub(crate) use row_network::{NetworkParameters, RowNetwork};
 pub(crate) use time_hash::{TimeHashSettings, TimeHashSource};
 pub(crate) use view_times::view_times;
 pub use voxels::VoxelSettings;

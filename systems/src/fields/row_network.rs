@@ -2,9 +2,11 @@
 
 use super::network::{fold_gradients, xavier};
 use crate::buffers::sized;
+use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::mlp::{Mlp, MlpConfig, MlpError, Packed};
 use field_core::rng::Rng;
 use float_core::Simd;
+use optim::{Adam, AdamConfig};
 use std::ops::Range;
 
 /// A network, and where its parameters lie in those of all.
@@ -99,5 +101,42 @@ impl RowNetwork {
         gradient: &mut [f32],
     ) {
         fold_gradients(&self.mlp, chunks, packed, &mut gradient[self.range.clone()]);
+    }
+}
+
+/// The parameters of networks, and their optimiser.
+pub(crate) struct NetworkParameters {
+    /// Name in checkpoints.
+    name: &'static str,
+    pub(crate) values: Vec<f32>,
+    adam: Adam,
+}
+
+impl NetworkParameters {
+    pub(crate) fn new(name: &'static str, values: Vec<f32>, config: AdamConfig) -> Self {
+        Self { name, adam: Adam::new(values.len(), config), values }
+    }
+
+    /// One step. Returns how many entries of the gradient were not finite.
+    pub(crate) fn step(&mut self, simd: Simd, lr: f64, gradient: &[f32]) -> usize {
+        self.adam.step(simd, lr, &mut self.values, gradient)
+    }
+
+    /// What its next step depends on.
+    pub(crate) fn state(&self) -> Vec<Tensor<'_>> {
+        let mut out = vec![f32_tensor(self.name, &self.values)];
+        push_adam(&mut out, self.name, &self.adam);
+        out
+    }
+
+    /// What [`state`](Self::state) wrote. Nothing has changed where it does not fit.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or does not fit.
+    pub(crate) fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        let values = take_numbers(state, self.name, self.values.len())?;
+        self.adam = take_adam(state, self.name, &self.adam)?;
+        self.values = values;
+        Ok(())
     }
 }

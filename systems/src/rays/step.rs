@@ -58,7 +58,7 @@ impl RaySystem {
             jitter: vec![MIDDLE; self.sampler.randoms() * n],
             ..Inputs::default()
         };
-        truth_on(&batch, &inputs.background, &mut inputs.truth);
+        batch.over(inputs.background.iter().copied(), &mut inputs.truth);
         Inputs { batch, ..inputs }
     }
 
@@ -188,7 +188,7 @@ impl RaySystem {
         for (i, b) in work.background.iter_mut().enumerate() {
             *b = self.background.of_ray(&rng, i as u64);
         }
-        truth_on(&work.batch, &work.background, &mut work.truth);
+        work.batch.over(work.background.iter().copied(), &mut work.truth);
     }
 
     /// What the chunks of a step share.
@@ -383,17 +383,4 @@ impl RaySystem {
             transient_bar,
         })
     }
-}
-
-/// Colours of a batch on backgrounds.
-fn truth_on(batch: &Batch, background: &[[f32; 3]], truth: &mut Vec<[f32; 3]>) {
-    truth.clear();
-    truth.extend(
-        batch
-            .rgb
-            .iter()
-            .zip(&batch.alpha)
-            .zip(background)
-            .map(|((rgb, alpha), behind)| [0, 1, 2].map(|c| rgb[c] * alpha + behind[c] * (1.0 - alpha))),
-    );
 }

@@ -3,7 +3,7 @@
 //! An appearance turns a colour `c` into `g c + b`, channel by channel. With `c = Y0 h0 + 1/2 + ...` that is what coefficients
 //! `g h_k` and `g h0 + (b + (g - 1) / 2) / Y0` give, but where `c` was cut off at 0 before, or `g c + b` is below 0: programs cut that off.
 
-use super::drawing::DrawnCloud;
+use super::drawing::{DrawnCloud, VisibleCloud};
 use super::driver::{Clouds, Views};
 use super::hooks::ColourAppearance;
 use engine::system::{Appearance, Query};
@@ -28,7 +28,7 @@ fn baked(part: &dyn ColourAppearance, appearance: &Appearance, cloud: &DrawnClou
         (0..n as u32).map(|index| ProjectedGaussian { index, ..ProjectedGaussian::default() }).collect();
     let of = |grey: f32| {
         let mut rgb = vec![[grey; 3]; n];
-        part.forward(appearance, cloud, &all, &mut rgb);
+        part.forward(appearance, VisibleCloud { cloud: *cloud, gaussians: &all }, &mut rgb);
         rgb
     };
     let (summand, sum) = (of(0.0), of(1.0));

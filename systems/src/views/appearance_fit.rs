@@ -3,12 +3,11 @@
 //! The pixels are gathered in a small picture of a pinhole camera, whatever lens their rays came through. Geometry does not depend on
 //! the code, so Gaussians are projected once; a step colours, composites and compares them (WildGaussians, section 3.4).
 
-use super::config::positive;
-use super::drawing::Projections;
+use super::drawing::{Projections, VisibleCloud};
 use super::driver::Views;
 use super::hooks::OfAppearance;
 use super::photo::view;
-use super::planes::{COLOUR, PlaneLayout};
+use super::planes::{COLOUR, PlaneLayout, add_background};
 use engine::system::{Appearance, Fit};
 use glam::{DMat3, DVec3};
 use losses::dssim::{Dssim, Pair, Target};
@@ -19,7 +18,7 @@ use std::sync::Arc;
 
 /// Pixels along the longest side of the small picture.
 const LONGEST: f64 = 256.0;
-/// A step sees all pixels, not some of them as that of a field does: so many times fewer steps do.
+/// A step here compares all pixels, one of a field a sample of them: a third of the steps is enough.
 const FEWER: u64 = 3;
 /// Share of the structure in what a code costs.
 const STRUCTURE: f32 = 0.2;
@@ -54,7 +53,6 @@ impl Gathered {
         let extent = [0, 1].map(|k| (high[k] - low[k]).max(1e-6));
         // About a ray to a pixel, if that many fit.
         let f = (seen.len() as f64 / (extent[0] * extent[1])).sqrt().min(LONGEST / extent[0].max(extent[1]));
-        let f = positive("f", f).map_or(f, |_| LONGEST);
         let [width, height] = extent.map(|x| (x * f).ceil().clamp(1.0, LONGEST) as usize);
         let n = width * height;
         let (mut colour, mut counts) = (vec![0.0; 3 * n], vec![0.0_f32; n]);
@@ -105,9 +103,7 @@ pub(super) fn fit(system: &Views, pixels: &Fit<'_>) -> Option<Vec<f32>> {
             break;
         }
         let (colour, transmittance) = planes.split_at_mut(COLOUR * n);
-        for (plane, back) in colour.chunks_exact_mut(n).zip(pixels.background) {
-            plane.iter_mut().zip(&*transmittance).for_each(|(c, t)| *c += t * back);
-        }
+        add_background(colour, transmittance, pixels.background);
         let pair = Pair {
             channels: COLOUR,
             height: view.size[1],
@@ -127,7 +123,8 @@ pub(super) fn fit(system: &Views, pixels: &Fit<'_>) -> Option<Vec<f32>> {
         let mut bar: Vec<[f32; 3]> = gradients.iter().map(|gradient| gradient.features).collect();
         let mut code_bar = vec![0.0; code.len()];
         for ((range, projection), cloud) in projections.each().zip(&drawn) {
-            let own = part.code_bar(&code, cloud, &projection.gaussians, &plain[range.clone()], &mut bar[range]);
+            let seen = VisibleCloud { cloud: *cloud, gaussians: &projection.gaussians };
+            let own = part.code_bar(&code, seen, &plain[range.clone()], &mut bar[range]);
             code_bar.iter_mut().zip(own).for_each(|(sum, bar)| *sum += bar);
         }
         let third = (3 * step / steps.max(1)) as i32;

@@ -34,6 +34,13 @@ impl<'a> DrawnCloud<'a> {
     }
 }
 
+/// A cloud, and its Gaussians that a picture shows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VisibleCloud<'a> {
+    pub(crate) cloud: DrawnCloud<'a>,
+    pub(crate) gaussians: &'a [ProjectedGaussian],
+}
+
 /// Gaussians that a picture shows, and the gradients with respect to their centres on it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SeenGaussians<'a> {
@@ -126,7 +133,8 @@ impl Projections {
         colours: &mut [[f32; 3]],
     ) {
         for ((range, projection), cloud) in self.each().zip(clouds) {
-            of_appearance.part.forward(of_appearance.appearance, cloud, &projection.gaussians, &mut colours[range]);
+            let seen = VisibleCloud { cloud: *cloud, gaussians: &projection.gaussians };
+            of_appearance.part.forward(of_appearance.appearance, seen, &mut colours[range]);
         }
     }
 

@@ -393,8 +393,8 @@ impl Views {
         }
     }
 
-    /// A survey took so many seconds.
-    pub(super) fn seconds_of_survey(&mut self, seconds: f64) {
+    /// Count the time of a survey, seconds.
+    pub(super) fn count_survey(&mut self, seconds: f64) {
         self.seconds[PARTS.len() + 3] += seconds;
     }
 

@@ -5,7 +5,7 @@ use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::CloudParameters;
 use super::config::{CloudConfig, CloudRates, ExtraRows, PictureConfig, RowStart, WideningKind};
 use super::density_config::{AdcConfig, ControlConfig, DensityConfig, DensityKind, DensityRules};
-use super::drawing::DrawnCloud;
+use super::drawing::{DrawnCloud, VisibleCloud};
 use super::driver::{ViewParts, Views};
 use super::hooks::{CloudMotion, ColourAppearance, ColourBars, Learns};
 use super::pass::ViewSpaceGradient;
@@ -21,7 +21,7 @@ use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use field_core::rng::Rng;
 use float_core::Simd;
 use losses::LossError;
-use splat_core::{Gaussians, ProjectedGaussian, RasterSettings};
+use splat_core::{Gaussians, RasterSettings};
 use std::sync::{Arc, Mutex};
 use testkit::reference::splats as reference;
 
@@ -103,27 +103,19 @@ impl ColourAppearance for Gain {
         Vec::new()
     }
 
-    fn code_bar(
-        &self,
-        _code: &[f32],
-        _cloud: &DrawnCloud<'_>,
-        _visible: &[ProjectedGaussian],
-        _rgb: &[[f32; 3]],
-        _bar: &mut [[f32; 3]],
-    ) -> Vec<f32> {
+    fn code_bar(&self, _code: &[f32], _seen: VisibleCloud<'_>, _rgb: &[[f32; 3]], _bar: &mut [[f32; 3]]) -> Vec<f32> {
         Vec::new()
     }
 
     fn forward(
         &self,
         _appearance: &Appearance,
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
+        VisibleCloud { cloud, gaussians: visible }: VisibleCloud<'_>,
         rgb: &mut [[f32; 3]],
     ) {
         if cloud.index == 0 {
             for (f, rgb) in visible.iter().zip(rgb) {
-                let factors = Self::factors(cloud, f.index as usize);
+                let factors = Self::factors(&cloud, f.index as usize);
                 (0..3).for_each(|c| rgb[c] *= factors[c]);
             }
         }
@@ -132,14 +124,13 @@ impl ColourAppearance for Gain {
     fn backward(
         &mut self,
         _appearance: &Appearance,
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
+        VisibleCloud { cloud, gaussians: visible }: VisibleCloud<'_>,
         rgb: &[[f32; 3]],
         bars: ColourBars<'_>,
     ) {
         if cloud.index == 0 {
             for (((f, rgb), bar), base) in visible.iter().zip(rgb).zip(bars.rgb).zip(bars.base) {
-                let factors = Self::factors(cloud, f.index as usize);
+                let factors = Self::factors(&cloud, f.index as usize);
                 (0..3).for_each(|c| base[c] += BASE as f32 * rgb[c] * bar[c]);
                 let at = cloud.gaussians.len() + f.index as usize;
                 let along: f32 = (0..3).map(|c| rgb[c] * bar[c]).sum();

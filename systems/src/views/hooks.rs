@@ -1,13 +1,12 @@
 //! Where a system may put in parts of its own between a cloud and its picture: appearance, and time.
 
 use super::cloud_parameters::CloudParameters;
-use super::drawing::DrawnCloud;
+use super::drawing::VisibleCloud;
 use super::weights::{StepPhoto, Weights};
 use crate::photo_model::PhotoAndRender;
 use engine::data::Dataset;
 use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;
-use splat_core::ProjectedGaussian;
 
 /// Parameters of a part, besides those of the clouds.
 pub(crate) trait Learns: Send + Sync {
@@ -47,35 +46,15 @@ pub(crate) trait ColourAppearance: Learns {
     fn code(&self, appearance: &Appearance) -> Vec<f32>;
 
     /// Turn the colours of a cloud's visible Gaussians `[visible]`, as spherical harmonics give them, into those that are composited.
-    fn forward(
-        &self,
-        appearance: &Appearance,
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
-        rgb: &mut [[f32; 3]],
-    );
+    fn forward(&self, appearance: &Appearance, seen: VisibleCloud<'_>, rgb: &mut [[f32; 3]]);
 
     /// Backward twin of [`forward`](Self::forward), of the same `rgb` as it was given. The gradient with respect to its own parameters
     /// is held for the next step.
-    fn backward(
-        &mut self,
-        appearance: &Appearance,
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
-        rgb: &[[f32; 3]],
-        bars: ColourBars<'_>,
-    );
+    fn backward(&mut self, appearance: &Appearance, seen: VisibleCloud<'_>, rgb: &[[f32; 3]], bars: ColourBars<'_>);
 
     /// The gradient with respect to `code` alone, of the same `rgb` as [`forward`](Self::forward) was given with it; `bar` `[visible]`,
     /// with respect to the composited colours, may be written over.
-    fn code_bar(
-        &self,
-        code: &[f32],
-        cloud: &DrawnCloud<'_>,
-        visible: &[ProjectedGaussian],
-        rgb: &[[f32; 3]],
-        bar: &mut [[f32; 3]],
-    ) -> Vec<f32>;
+    fn code_bar(&self, code: &[f32], seen: VisibleCloud<'_>, rgb: &[[f32; 3]], bar: &mut [[f32; 3]]) -> Vec<f32>;
 }
 
 /// Colours are turned into those of an appearance.
@@ -116,7 +95,8 @@ pub(crate) trait RenderJudge: Send + Sync {
 
 /// Says which pixels of all photos show the scene, by all renders: from time to time, before a step.
 pub(crate) trait SurveyJudge: Send + Sync {
-    /// Before this step all photos are to be rendered, a pixel for each square of so many pixels a side; `None`: they are not.
+    /// Whether there is a survey before this step: the side of the squares, in pixels of the photos, that are one pixel of a render
+    /// each. `None`: there is none.
     fn survey(&self, step: u64) -> Option<u32>;
 
     /// One of them, in their order.

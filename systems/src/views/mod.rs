@@ -74,12 +74,13 @@ pub(crate) use config::{
 pub(crate) use density_config::{
     AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, PlannedDensity, SplitConfig,
 };
-pub(crate) use drawing::DrawnCloud;
+pub(crate) use drawing::{DrawnCloud, VisibleCloud};
 pub(crate) use driver::{ViewParts, Views, refused};
 pub(crate) use hooks::{Beside, CloudMotion, ColourAppearance, ColourBars, Learns, RenderJudge, SurveyJudge};
 pub(crate) use pass::ViewSpaceGradient;
 pub(crate) use place_codes::PlaceCodes;
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
 pub(crate) use terms::{L1Dssim, L1DssimConfig, Structure};
+pub(crate) use undistortion::source;
 pub(crate) use visual_hull::VisualHull;
 pub(crate) use weights::{MaskWeight, StepPhoto, Weights, nearest};

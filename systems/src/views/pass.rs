@@ -1,13 +1,12 @@
 //! One training step's picture: draw the clouds as a photo's camera sees them, compare, and take the gradient back.
 
 use super::cloud_parameters::CloudParameters;
-use super::drawing::{DrawnCloud, Projected, Projections, SeenGaussians};
+use super::drawing::{DrawnCloud, Projected, Projections, SeenGaussians, VisibleCloud};
 use super::hooks::{Beside, ColourAppearance, ColourBars, OfAppearance, RenderJudge};
-use super::planes::{COLOUR, PIXELS, PlaneBars, PlaneLayout, RenderedPicture};
+use super::planes::{COLOUR, PlaneBars, PlaneLayout, RenderedPicture, add_background};
 use super::terms::{PictureTerm, TargetPicture};
 use engine::system::Appearance;
 use float_core::Simd;
-use rayon::prelude::*;
 use splat_core::{CameraGradient, DrawStats, ProjectedGradient, Raster, RasterSettings, SplatError, View};
 use std::time::Instant;
 
@@ -173,15 +172,7 @@ impl<const K: usize> Pass<K> {
         self.raster.planes(&mut self.planes)?;
         let (features, transmittance) = self.planes.split_at_mut(K * pixels);
         for first in self.layout.over_background() {
-            for (plane, back) in features[first * pixels..].chunks_exact_mut(pixels.max(1)).zip(background) {
-                plane.par_chunks_mut(PIXELS).zip(transmittance.par_chunks(PIXELS)).for_each(
-                    |(plane, transmittance)| {
-                        for (c, t) in plane.iter_mut().zip(transmittance) {
-                            *c += t * back;
-                        }
-                    },
-                );
-            }
+            add_background(&mut features[first * pixels..][..COLOUR * pixels], transmittance, background);
         }
         self.clock.lap(2);
         Ok(drawn)
@@ -228,7 +219,8 @@ impl<const K: usize> Pass<K> {
         for (((range, projection), cloud), gradient) in self.projections.each().zip(clouds).zip(gradients) {
             let rgb = &self.colours[range.clone()];
             let bars = ColourBars { rgb: &mut bar[range.clone()], base: &mut base[range], extra: &mut gradient.extra };
-            part.backward(appearance, cloud, &projection.gaussians, rgb, bars);
+            let seen = VisibleCloud { cloud: *cloud, gaussians: &projection.gaussians };
+            part.backward(appearance, seen, rgb, bars);
         }
         let plain = self.layout.plain.then_some(self.layout.first_plain());
         for (gradient, bar) in self.gradients.iter_mut().zip(&bar) {

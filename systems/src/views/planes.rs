@@ -7,6 +7,15 @@ pub(crate) const COLOUR: usize = 3;
 /// Pixels that one task takes.
 pub(crate) const PIXELS: usize = 1 << 13;
 
+/// Add what is behind a picture to three planes of its colours.
+pub(crate) fn add_background(colour: &mut [f32], transmittance: &[f32], background: [f32; 3]) {
+    for (plane, back) in colour.chunks_exact_mut(transmittance.len().max(1)).zip(background) {
+        plane.par_chunks_mut(PIXELS).zip(transmittance.par_chunks(PIXELS)).for_each(|(plane, transmittance)| {
+            plane.iter_mut().zip(transmittance).for_each(|(c, t)| *c += t * back);
+        });
+    }
+}
+
 /// What is composited besides colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PlaneLayout {

@@ -5,7 +5,8 @@ use super::hooks::Beside;
 use crate::photo_model::Pixel;
 use crate::survey::RenderedView;
 use engine::data::{Batch, Dataset};
-use engine::system::{Appearance, Canonical, LayerRequest, Layers, Median, Normals, Query, SystemError};
+use engine::render::plain_query;
+use engine::system::{Appearance, Layers, Query, SystemError};
 use glam::DVec2;
 use render_core::camera::Camera;
 use std::time::Instant;
@@ -29,20 +30,8 @@ impl Views {
         if let Some(part) = &mut self.parts.surveys {
             part.settle();
         }
-        self.seconds_of_survey(clock.elapsed().as_secs_f64());
+        self.count_survey(clock.elapsed().as_secs_f64());
         Ok(())
-    }
-
-    /// How a training view is rendered: in its appearance, at its time, exactly.
-    fn of_training_view(&self, data: &Dataset, view: usize, median: Median) -> Query {
-        Query {
-            background: self.parts.background.colour(),
-            layers: LayerRequest { normals: Normals::Skip, canonical: Canonical::Skip, median },
-            error_budget: 0.0,
-            appearance: Appearance::View(view),
-            time: data.view(view).time,
-            halt: Default::default(),
-        }
     }
 
     /// A training view beside its photo, a pixel for each square of `stride` pixels a side.
@@ -53,9 +42,11 @@ impl Views {
         let stride = stride.clamp(1, camera.width.min(camera.height).max(1));
         let size = data.whole_view(view, stride, &mut batch)?;
         let camera = smaller(&camera, size, stride);
-        let query = self.of_training_view(data, view, Median::Compute);
+        let plain = plain_query(self.parts.background.colour(), 0.0);
+        let query = Query { appearance: Appearance::View(view), time: data.view(view).time, ..plain };
         let layers = self.picture(&self.clouds_at(query.time), &camera, &query);
-        let truth = batch.over(query.background);
+        let mut truth = Vec::new();
+        batch.over(std::iter::repeat(query.background), &mut truth);
         let pixels = (0..size[0] * size[1]).map(|i| {
             let pixel = Pixel { rgb: layers.rgb[i], opacity: layers.opacity[i], ..Pixel::default() };
             (pixel, self.place(&camera, &layers, i))
@@ -87,16 +78,9 @@ impl Views {
             return Ok(part.static_pixels(view, size));
         }
         let Some(judge) = &self.parts.judge else { return Ok(None) };
-        let mut batch = Batch::default();
-        data.whole_view(view, 1, &mut batch)?;
-        let query = self.of_training_view(data, view, Median::Skip);
-        let layers = self.picture(&self.clouds_at(query.time), &camera, &query);
-        let mut photo = batch.over(query.background);
-        // What does not count is as rendered: it says nothing of its neighbours.
-        for (i, _) in batch.weight.iter().enumerate().filter(|(_, weight)| **weight == 0.0) {
-            photo[i] = layers.rgb[i];
-        }
-        let [render, photo] = [layers.rgb, photo].map(|rgb| planes(&rgb));
+        let rendered = self.render_training_view(data, view, 1)?;
+        let (render, photo) =
+            (planes(rendered.pixels.iter().map(|pixel| pixel.rgb)), planes(rendered.truth.iter().copied()));
         Ok(Some(judge.static_pixels(&Beside { size, render: &render, photo: &photo })))
     }
 
@@ -119,8 +103,8 @@ fn smaller(camera: &Camera, size: [usize; 2], stride: u32) -> Camera {
 }
 
 /// `[3][pixels]`
-fn planes(rgb: &[[f32; 3]]) -> Vec<f32> {
-    (0..3).flat_map(|c| rgb.iter().map(move |rgb| rgb[c])).collect()
+fn planes(rgb: impl Iterator<Item = [f32; 3]> + Clone) -> Vec<f32> {
+    (0..3).flat_map(|c| rgb.clone().map(move |rgb| rgb[c])).collect()
 }
 
 #[cfg(test)]
@@ -138,6 +122,6 @@ mod tests {
             assert!((a / 5.0 - b).length() < 1e-9, "{a} {b}");
         }
         assert_eq!((small.width, small.height), (8, 4));
-        assert_eq!(planes(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), [1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);
+        assert_eq!(planes([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]].into_iter()), [1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);
     }
 }

@@ -3,7 +3,7 @@
 
 use glam::DVec2;
 use rayon::prelude::*;
-use render_core::camera::{Camera, Lens, Pose};
+use render_core::camera::{Camera, Lens, Pose, Prepared};
 use scene_io::Image;
 
 /// Directions whose tangent to the axis is more than this are on no plane of a reasonable size.
@@ -22,6 +22,12 @@ pub(super) struct UndistortedPlane {
     sources: Vec<[f32; 2]>,
 }
 
+/// Where in the photo of a lens a place on its plane is, pixels; `None` where it is not.
+pub(crate) fn source(seen: &Prepared, plane: &Camera, at: DVec2) -> Option<DVec2> {
+    let tangent = (at - DVec2::new(plane.cx, plane.cy)) / DVec2::new(plane.fx, plane.fy);
+    seen.project_from_camera(tangent.extend(1.0))
+}
+
 impl UndistortedPlane {
     /// The plane has the photo's size and focal lengths.
     pub(super) fn new(camera: &Camera) -> Self {
@@ -32,9 +38,7 @@ impl UndistortedPlane {
             .into_par_iter()
             .map(|i| {
                 let at = DVec2::new((i % w) as f64 + 0.5, (i / w) as f64 + 0.5);
-                let tangent = (at - DVec2::new(plane.cx, plane.cy)) / DVec2::new(plane.fx, plane.fy);
-                let source = seen.project_from_camera(tangent.extend(1.0));
-                source.map_or([f32::NAN; 2], |p| [p.x as f32, p.y as f32])
+                source(&seen, &plane, at).map_or([f32::NAN; 2], |p| [p.x as f32, p.y as f32])
             })
             .collect();
         Self { lens, plane, sources }

@@ -28,16 +28,6 @@ pub(super) struct PhotoParts {
 }
 
 impl PhotoParts {
-    /// Settings with which all others are there, together.
-    pub(super) fn all(&self) -> impl Iterator<Item = toml::Table> + use<> {
-        ["photos", "residual"].into_iter().map(|occluders| {
-            toml::Table::from_iter([
-                ("appearance".into(), toml::Value::from("codes")),
-                ("occluders".into(), occluders.into()),
-            ])
-        })
-    }
-
     /// The settings of the parts that are there, after `--set`, of photos of a longest side.
     pub(super) fn asked(&self, longest: u32, settings: &mut Settings<'_>) -> Result<AskedPhotos, SystemError> {
         let AppearanceChoice { appearance } = settings.of(&AppearanceChoice { appearance: self.appearance })?;

@@ -133,15 +133,13 @@ impl Recipe {
     pub(super) fn names(&'static self) -> toml::Table {
         let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
         let mut names = toml::Table::new();
-        let mut sets = vec![
+        for set in [
             toml::toml! { start = "field" },
             toml::toml! { start = "field"
             density = "adc" },
             toml::toml! { start = "field"
             density = "mcmc" },
-        ];
-        sets.extend(self.photos.iter().flat_map(PhotoParts::all));
-        for set in sets {
+        ] {
             let run = run(set);
             let mut settings = Settings::new(&run);
             self.of_nothing(&[], &mut settings).expect("settings as published");

@@ -1,7 +1,7 @@
 //! Where the Gaussians of a cloud begin: at points, at random places, or where a field sees surfaces.
 
 use crate::layout::Layout;
-use crate::papers::wild::auto::with_codes_of;
+use crate::papers::wild::nerf_w::with_codes;
 use crate::photo_model::PhotoModel;
 use crate::plan::{Ground, field_settings};
 use crate::proxy::{FieldConfig, Proxied, ProxyTerms};
@@ -202,7 +202,7 @@ pub(super) fn with_field(
     let config = field_settings(&mut ground, data);
     let field = match seeing {
         Seeing::OneTime => {
-            let photos = codes.map(|dims| Box::new(with_codes_of(dims, data, run.seed)) as Box<dyn PhotoModel>);
+            let photos = codes.map(|dims| Box::new(with_codes(dims, data, run.seed)) as Box<dyn PhotoModel>);
             ground.ngp(data, &config, run.seed, photos)?
         }
         Seeing::ManyTimes => ground.plain(data, &config, run.seed)?,

@@ -11,12 +11,8 @@
 //! an occluder.
 
 use super::choice::{AppearanceKind, OccluderKind};
-use super::combined::Wild;
-use super::nerf_w::{CHARBONNIER, HASH_GRID_CODES};
-use crate::appearance::codes::FreeCodes;
-use crate::appearance::config::CodeConfig;
+use super::nerf_w::{HASH_GRID_CODES, with_codes};
 use crate::claims::Claim;
-use crate::occluders::none::NoOccluders;
 use crate::occluders::outliers::{Backdrop, NEIGHBOURHOOD, mean_residuals};
 use crate::occluders::scene_guard::{DARK, LEAST_PHOTOS, LOOSE, Marked, PhotoGeometry, marks_of_the_scene};
 use crate::occluders::survey::survey_stride;
@@ -28,7 +24,6 @@ use engine::data::Dataset;
 use engine::options::RunOptions;
 use engine::system::{System, SystemError};
 use losses::heuristics::Extent;
-use losses::kernel::Kernel;
 use std::ops::Range;
 
 /// What it is.
@@ -83,7 +78,12 @@ pub(super) fn needs(
     let known = differ.then_some(&first.gains[..]);
     let (found, limit, steps) = if again && data.len() >= LEAST_PHOTOS {
         if differ {
-            field = ground.ngp(data, &config, run.seed, Some(Box::new(with_codes(data, run.seed))))?;
+            field = ground.ngp(
+                data,
+                &config,
+                run.seed,
+                Some(Box::new(with_codes(HASH_GRID_CODES.appearance_dims, data, run.seed))),
+            )?;
             ground.lines.truncate(lines);
             train(&mut field, data, 0..MORE_STEPS)?;
         } else {
@@ -170,21 +170,6 @@ fn train(field: &mut RaySystem, data: &Dataset, steps: Range<u64>) -> Result<(),
         field.step(data, step)?;
     }
     Ok(())
-}
-
-/// A code for each photo, and robust errors.
-fn with_codes(data: &Dataset, seed: u64) -> Wild {
-    with_codes_of(HASH_GRID_CODES.appearance_dims, data, seed)
-}
-
-/// The same, of codes of `dims` numbers.
-pub(crate) fn with_codes_of(dims: usize, data: &Dataset, seed: u64) -> Wild {
-    let codes = CodeConfig { appearance_dims: dims, ..HASH_GRID_CODES };
-    Wild {
-        name: "nerf-a",
-        appearance: Some(Box::new(FreeCodes::new(&codes, data.len(), seed))),
-        occluders: Box::new(NoOccluders { kernel: CHARBONNIER.kernel(), coarse: Kernel::Squared }),
-    }
 }
 
 /// The comparison of all photos with their renders.

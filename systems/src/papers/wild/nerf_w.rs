@@ -14,6 +14,7 @@
 //! A picture from elsewhere shows the static field alone, with a transmittance of its own.
 
 use super::choice::OccluderKind;
+use super::combined::Wild;
 use super::planning::{Build, Planning};
 use crate::appearance::AppearanceModel;
 use crate::appearance::codes::FreeCodes;
@@ -26,6 +27,7 @@ use crate::occluders::likelihood::{self, PixelLikelihood, likelihood};
 use crate::occluders::none::NoOccluders;
 use crate::occluders::pixel_error::{KernelConfig, KernelKind, squared};
 use crate::photo_model::{Codes, Outcome, PhotoAndRender, Pixel, PixelBar};
+use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap};
 use losses::kernel::Kernel;
 use losses::uncertainty::Likelihood;
@@ -111,6 +113,16 @@ pub(super) const SQUARED: KernelConfig = KernelConfig { kernel: KernelKind::Squa
 
 /// On the hash grid, which explains an occluder within a few hundred steps where errors are squared.
 pub(super) const CHARBONNIER: KernelConfig = KernelConfig { kernel: KernelKind::Charbonnier, ..SQUARED };
+
+/// Codes of `dims` numbers and robust errors on the hash grid: the photo model of a field that is trained for something else.
+pub(crate) fn with_codes(dims: usize, data: &Dataset, seed: u64) -> Wild {
+    let codes = CodeConfig { appearance_dims: dims, ..HASH_GRID_CODES };
+    Wild {
+        name: "nerf-a",
+        appearance: Some(Box::new(FreeCodes::new(&codes, data.len(), seed))),
+        occluders: Box::new(NoOccluders { kernel: CHARBONNIER.kernel(), coarse: Kernel::Squared }),
+    }
+}
 
 /// A free code for each photo.
 pub(super) fn appearance<'a>(planning: &mut Planning<'a>) -> Result<Build<'a, dyn AppearanceModel>, SystemError> {
