@@ -62,7 +62,7 @@ pub(crate) static WILD: App = App {
     name: "nerf-wild",
     about: "Radiance fields from photos of many people: the place without occluders, in any photo's appearance",
     family: Family::Wild,
-    default_system: DefaultSystem::Named("auto"),
+    default_system: DefaultSystem::Chosen(systems::registry::choose_wild),
     load: engine::source::load,
     demo_scene: "synthetic:plaza",
     demo_system: None,

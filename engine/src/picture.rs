@@ -21,6 +21,13 @@ pub fn colour(view: &Rendered) -> RgbImage {
     picture(view, |i| view.layers.rgb[i].map(quantise_value))
 }
 
+/// Colours of what stands still behind what moves; `None` where the render has none.
+#[must_use]
+pub fn behind(view: &Rendered) -> Option<RgbImage> {
+    (view.layers.behind.len() == view.layers.rgb.len())
+        .then(|| picture(view, |i| view.layers.behind[i].map(quantise_value)))
+}
+
 /// Opacity as grey.
 ///
 /// # Panics

@@ -34,6 +34,7 @@
 //! * [`visibility`]: a learned mask of occluders (Ha-NeRF)
 //! * [`codes`]: the encoder should find in a render the appearance code that it was made with (Ha-NeRF)
 //! * [`concrete`]: nearly binary opacities with a derivative (SF-NeRF)
+//! * [`edge_variation`]: depths that change where the photo has an edge (DeGauss)
 //! * [`smoothness`]: opacities that change little from pixel to pixel (SF-NeRF)
 //! * [`sparsity`]: little density, little opacity of occluders (SF-NeRF)
 //!
@@ -79,6 +80,7 @@ pub mod concrete;
 pub mod depth;
 pub mod distortion;
 pub mod dssim;
+pub mod edge_variation;
 pub mod elastic;
 pub mod entropy;
 mod error;

@@ -16,6 +16,7 @@ pub mod bake;
 pub(crate) mod buffers;
 pub mod claims;
 mod cloud_appearance;
+mod cloud_layers;
 mod cloud_motion;
 mod cloud_occluders;
 mod codes;

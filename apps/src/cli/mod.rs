@@ -106,6 +106,10 @@ fn systems_of(app: &App) -> String {
         DefaultSystem::Chosen(_) if app.family == Family::Moving => {
             "without it `4dgs` for things that are cut out, `two-parts` for places".into()
         }
+        DefaultSystem::Chosen(_) if app.family == Family::Wild => {
+            "without it `wild-gaussians`, or `auto` for few photos, little time, geometry and settings of a field"
+                .into()
+        }
         DefaultSystem::Chosen(_) => "without it `ngp` or `splat`, whichever suits the scene".into(),
         DefaultSystem::Named(name) => format!("without it `{name}`"),
     };

@@ -63,6 +63,8 @@ pub(crate) enum Layer {
     Canonical,
     /// Optical flow to the next frame: hue is direction, saturation length
     Flow,
+    /// What stands still, without what moves before it: of systems that know the two apart (`degauss`)
+    Background,
 }
 
 /// `tsdf | density`.

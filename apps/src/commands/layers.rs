@@ -12,13 +12,14 @@ use scene_io::{Flow, write_flo};
 use std::borrow::Cow;
 
 /// Names of the files of each layer.
-const NAMES: [(Layer, &str); 6] = [
+const NAMES: [(Layer, &str); 7] = [
     (Layer::Colour, "colour"),
     (Layer::Depth, "depth"),
     (Layer::Opacity, "opacity"),
     (Layer::Normals, "normals"),
     (Layer::Canonical, "canonical"),
     (Layer::Flow, "flow"),
+    (Layer::Background, "background"),
 ];
 
 /// What all frames share.
@@ -89,13 +90,21 @@ impl Drawn<'_> {
             Layer::Normals => Cow::Owned(picture::normals(self.view)),
             Layer::Canonical => Cow::Owned(picture::canonical(self.view, self.bounds)),
             Layer::Flow => Cow::Borrowed(&self.flow.as_ref()?.picture),
+            Layer::Background => Cow::Owned(picture::behind(self.view)?),
         })
     }
 
     /// Write the layers that were asked for, as those of frame `i`.
     pub(super) fn write(&self, args: &Render, i: usize) -> Result<(), RunError> {
         for (layer, name) in NAMES.into_iter().filter(|(layer, _)| args.layers.contains(layer)) {
-            if let Some(picture) = self.picture(layer) {
+            let picture = self.picture(layer);
+            if layer == Layer::Background && picture.is_none() {
+                return Err(RunError::Option(
+                    "--layers background: this system does not know what moves from what stands still; `degauss` does"
+                        .into(),
+                ));
+            }
+            if let Some(picture) = picture {
                 write_png(&Disk, &args.out.join(format!("{name}_{i:04}.png")), &picture)?;
             }
             if let (Layer::Flow, Some(DrawnFlow { flow, .. })) = (layer, &self.flow) {

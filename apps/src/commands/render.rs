@@ -15,7 +15,7 @@ use engine::picture::{gif_bytes, limited};
 use engine::progress::{Meter, Observer};
 use engine::render::{Rendered, plain_query, render};
 use engine::run::Run;
-use engine::system::{Appearance, Canonical, LayerRequest, Median, Normals, Query, System};
+use engine::system::{Appearance, Behind, Canonical, LayerRequest, Median, Normals, Query, System};
 use engine::time_path::TimePath;
 use image::RgbImage;
 use render_core::camera::Camera;
@@ -173,7 +173,8 @@ fn along(subject: &Subject<'_, '_>, args: &Render, show: &mut Show) -> Result<Do
     let canonical = if wants(Layer::Canonical) { Canonical::Compute } else { Canonical::Skip };
     // Flow is that of one surface, not of a mean over an edge.
     let median = if wants(Layer::Flow) { Median::Compute } else { Median::Skip };
-    let layers = LayerRequest { normals, canonical, median };
+    let behind = if wants(Layer::Background) { Behind::Compute } else { Behind::Skip };
+    let layers = LayerRequest { normals, canonical, median, behind };
     let fits = |cameras: &[Camera]| {
         let drawn: Vec<Camera> = cameras.iter().map(|camera| limited(camera, args.longest_side)).collect();
         frame_memory::check_path(&drawn, layers, PREVIEW_SIDE)

@@ -10,7 +10,7 @@ use engine::flow::{Shot, coloured as flow_picture, flow_in_place, full_length};
 use engine::memory::frames as frame_memory;
 use engine::picture::{self, png_bytes};
 use engine::render::{Rendered, plain_query};
-use engine::system::{Canonical, LayerRequest, Layers, Median, Normals, Query};
+use engine::system::{Behind, Canonical, LayerRequest, Layers, Median, Normals, Query};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use render_core::camera::Camera;
@@ -288,7 +288,7 @@ pub(crate) fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
     // Flow is that of one surface, not of a mean over an edge.
     let median = if draw.layer == Layer::Flow { Median::Compute } else { Median::Skip };
     Query {
-        layers: LayerRequest { normals, canonical, median },
+        layers: LayerRequest { normals, canonical, median, behind: Behind::Skip },
         appearance: scene.appearance(&draw.appearance),
         time: draw.time,
         ..plain_query(background, ERROR_BUDGET)

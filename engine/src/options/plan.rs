@@ -28,19 +28,29 @@ impl FromStr for Purpose {
 }
 
 /// A system and why it was taken.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
     /// Its name.
     pub system: &'static str,
     /// The reason, with figures.
     pub line: String,
+    /// Settings of it that were found on the way; what is set by the user stays.
+    pub set: toml::Table,
+    /// Their reasons.
+    pub lines: Vec<String>,
 }
 
 impl Choice {
     /// A system, and why it was taken.
     #[must_use]
     pub fn new(system: &'static str, why: impl Display) -> Self {
-        Self { system, line: format!("system: {system} ({why})") }
+        Self { system, line: format!("system: {system} ({why})"), set: toml::Table::new(), lines: Vec::new() }
+    }
+
+    /// The same with settings that were found on the way, and their reasons.
+    #[must_use]
+    pub fn with(self, set: toml::Table, lines: Vec<String>) -> Self {
+        Self { set, lines, ..self }
     }
 }
 

@@ -60,12 +60,16 @@ impl<'a> Run<'a> {
         for problem in problems(&scene, &train)? {
             observer.event(Event::Warning(&problem.to_string()));
         }
-        let Named { name, line } = system_of(request, parts, &scene, &train, &options)?;
+        let Named { name, lines, set } = system_of(request, parts, &scene, &train, &options)?;
+        // What the user said stays.
+        for (key, value) in set {
+            options.set.entry(key).or_insert(value);
+        }
         let (system, mut plan) = (parts.build)(name, &scene, &train, &options)?;
         let speed = request.speed.map(|speed| {
             format!("this machine is {speed:.2} times as fast as the one that schedules are planned for (measured)")
         });
-        plan.lines.splice(0..0, line.into_iter().chain(speed));
+        plan.lines.splice(0..0, lines.into_iter().chain(speed));
         plan.config.extend(points.map(|wanted| (provide::SETTING.to_string(), provide::word(wanted))));
         let config = RunConfig {
             scene: spec.into(),
@@ -149,10 +153,11 @@ pub(super) fn read_scene(
     }
 }
 
-/// The system of a run, and the line that says why it was chosen.
+/// The system of a run, the lines that say why it was chosen, and settings that were found with it.
 struct Named<'a> {
     name: &'a str,
-    line: Option<String>,
+    lines: Vec<String>,
+    set: toml::Table,
 }
 
 fn system_of<'a>(
@@ -163,10 +168,13 @@ fn system_of<'a>(
     options: &RunOptions,
 ) -> Result<Named<'a>, RunError> {
     match (request.system.as_deref(), parts.default_system) {
-        (Some(name), _) | (None, DefaultSystem::Named(name)) => Ok(Named { name, line: None }),
+        (Some(name), _) | (None, DefaultSystem::Named(name)) => {
+            Ok(Named { name, lines: Vec::new(), set: toml::Table::new() })
+        }
         (None, DefaultSystem::Chosen(choose)) => {
             let choice = choose(scene, train, options, request.purpose)?;
-            Ok(Named { name: choice.system, line: Some(choice.line) })
+            let lines = [choice.line].into_iter().chain(choice.lines).collect();
+            Ok(Named { name: choice.system, lines, set: choice.set })
         }
     }
 }

@@ -22,6 +22,9 @@ pub struct Layers {
     /// Canonical point of what is seen at `median_depth`, the scene's frame, world units (see
     /// [`canonical`](crate::canonical)). Empty unless asked for; infinite where nothing was hit.
     pub canonical: Vec<[f64; 3]>,
+    /// Colours of what stands still alone, composited on the query's background. Empty unless asked for, and of systems that do not know
+    /// it apart.
+    pub behind: Vec<[f32; 3]>,
 }
 
 impl Layers {
@@ -35,6 +38,7 @@ impl Layers {
             median_depth: vec![f32::INFINITY; n],
             normal: if query.layers.normals == Normals::Compute { vec![[0.0; 3]; n] } else { Vec::new() },
             canonical: if query.layers.canonical == Canonical::Compute { vec![NOWHERE; n] } else { Vec::new() },
+            behind: Vec::new(),
         }
     }
 
@@ -46,5 +50,6 @@ impl Layers {
         self.median_depth.extend(more.median_depth);
         self.normal.extend(more.normal);
         self.canonical.extend(more.canonical);
+        self.behind.extend(more.behind);
     }
 }

@@ -20,7 +20,7 @@ pub use fit::Fit;
 pub use follow::{CanonicalPoints, FlowSource, follow_canonical};
 pub use layers::{Layers, NOWHERE};
 pub use limits::{MOST_LAYERS, MOST_RAYS, MOST_SAMPLES, MOST_UNITS, at_most};
-pub use query::{Appearance, Canonical, EmptyCells, LayerRequest, Median, Normals, Query, Trial};
+pub use query::{Appearance, Behind, Canonical, EmptyCells, LayerRequest, Median, Normals, Query, Trial};
 
 use crate::data::Dataset;
 use render_core::budget::Ledger;

@@ -13,6 +13,8 @@ pub struct LayerRequest {
     pub canonical: Canonical,
     /// Median depths of Gaussians. They cost a second walk through what was drawn; fields have them in any case.
     pub median: Median,
+    /// Colours of what stands still behind what moves. They cost nothing more; only systems that know the two apart have them.
+    pub behind: Behind,
 }
 
 /// Whether normals are wanted.
@@ -42,6 +44,16 @@ pub enum Median {
     Skip,
     /// Computed.
     #[default]
+    Compute,
+}
+
+/// Whether the colours of what is behind are wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Behind {
+    /// Not kept.
+    #[default]
+    Skip,
+    /// Kept.
     Compute,
 }
 

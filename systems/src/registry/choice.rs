@@ -14,6 +14,12 @@ use scene_io::Scene;
 const FIELD: &str = "ngp";
 const CLOUD: &str = "splat";
 
+/// Why geometry is a field's.
+pub(super) const OF_GEOMETRY: &str = "for geometry: a cloud of Gaussians has no density";
+
+/// Why photos at several scales are.
+pub(super) const OF_SCALES: &str = "photos at several scales";
+
 /// Points cover the pictures from this share of their parts on.
 const COVERED: f64 = 0.5;
 /// Parts along the longest side of a picture.
@@ -23,10 +29,28 @@ const OBJECT_SIDE: u32 = 200;
 /// So many steps a cloud takes to be the better one: of an object, and of a scene that begins at points.
 const OBJECT_STEPS: f64 = 1500.0;
 const STEPS: f64 = 300.0;
+/// The same where a field comes first, in photos in which things stand before the scene.
+const STEPS_AFTER_FIELD: f64 = 1000.0;
+
+/// Field or cloud, and why.
+pub(super) struct Verdict {
+    pub(super) cloud: bool,
+    pub(super) why: String,
+}
+
+impl Verdict {
+    fn field(why: impl Into<String>) -> Self {
+        Self { cloud: false, why: why.into() }
+    }
+
+    fn cloud(why: impl Into<String>) -> Self {
+        Self { cloud: true, why: why.into() }
+    }
+}
 
 /// What is known of a capture before training.
 #[derive(Clone, Debug, PartialEq)]
-struct Facts {
+pub(super) struct Facts {
     /// Points of the dataset.
     points: usize,
     /// Share of the pictures' parts in which a point is seen.
@@ -39,7 +63,7 @@ struct Facts {
 }
 
 impl Facts {
-    fn of(scene: &Scene, data: &Dataset, stop: Option<Stop>) -> Result<Self, SystemError> {
+    pub(super) fn of(scene: &Scene, data: &Dataset, stop: Option<Stop>) -> Result<Self, SystemError> {
         Ok(Self {
             points: scene.points.len(),
             covered: coverage(data.views()),
@@ -49,37 +73,57 @@ impl Facts {
         })
     }
 
-    /// Field or cloud, and why.
-    fn choose(&self, purpose: Purpose) -> Choice {
-        let size = self.longest_side;
-        if purpose == Purpose::Geometry {
-            return Choice::new(FIELD, "for geometry: a cloud of Gaussians has no density");
-        }
-        let steps = self.steps;
-        let few = |least: f64| {
-            Choice::new(FIELD, format!("a cloud would do about {steps:.0} steps before the stop, it takes {least:.0}"))
-        };
+    /// Field or cloud, for pictures of a scene that photos show as it is.
+    fn verdict(&self) -> Verdict {
         if self.cut_out {
-            return match size {
-                ..OBJECT_SIDE => Choice::new(FIELD, format!("photos of {size} pixels, a cloud takes {OBJECT_SIDE}")),
-                _ if steps < OBJECT_STEPS => few(OBJECT_STEPS),
-                _ => Choice::new(CLOUD, format!("photos of {size} pixels show what is empty")),
-            };
+            return self.of_object();
         }
         let share = percent(self.covered);
         let points = self.points;
         if points == 0 {
-            return Choice::new(FIELD, "no points for a cloud to begin at");
+            return Verdict::field("no points for a cloud to begin at");
         }
         if self.covered < COVERED {
-            let why =
-                format!("{points} points are in {share} of the pictures' parts, a cloud takes {}", percent(COVERED));
-            return Choice::new(FIELD, why);
+            let least = percent(COVERED);
+            return Verdict::field(format!(
+                "{points} points are in {share} of the pictures' parts, a cloud takes {least}"
+            ));
         }
-        if steps < STEPS {
-            return few(STEPS);
+        self.with_steps(STEPS, &format!("{points} points are in {share} of the pictures' parts"))
+    }
+
+    /// The same where things stand before the scene in some photos: a cloud begins where a long training of a field sees surfaces, with
+    /// points or without.
+    pub(super) fn behind_others(&self) -> Verdict {
+        if self.cut_out { self.of_object() } else { self.with_steps(STEPS_AFTER_FIELD, "photos show a place") }
+    }
+
+    /// Of photos that show what is empty.
+    fn of_object(&self) -> Verdict {
+        match self.longest_side {
+            size @ ..OBJECT_SIDE => Verdict::field(format!("photos of {size} pixels, a cloud takes {OBJECT_SIDE}")),
+            size => self.with_steps(OBJECT_STEPS, &format!("photos of {size} pixels show what is empty")),
         }
-        Choice::new(CLOUD, format!("{points} points are in {share} of the pictures' parts"))
+    }
+
+    /// A cloud, where there are so many steps of it.
+    fn with_steps(&self, least: f64, why: &str) -> Verdict {
+        let steps = self.steps;
+        if steps < least {
+            return Verdict::field(format!(
+                "a cloud would do about {steps:.0} steps before the stop, it takes {least:.0}"
+            ));
+        }
+        Verdict::cloud(why)
+    }
+
+    /// The system, and why.
+    fn choose(&self, purpose: Purpose) -> Choice {
+        if purpose == Purpose::Geometry {
+            return Choice::new(FIELD, OF_GEOMETRY);
+        }
+        let Verdict { cloud, why } = self.verdict();
+        Choice::new(if cloud { CLOUD } else { FIELD }, why)
     }
 }
 
@@ -113,10 +157,15 @@ pub fn choose(scene: &Scene, data: &Dataset, run: &RunOptions, purpose: Purpose)
     if let Some((system, key)) = implied(&run.set)? {
         return Ok(Choice::new(system, format!("`{key}` is a setting of it alone")));
     }
-    if data.views().iter().any(|view| view.level > 0) {
-        return Ok(Choice::new(FIELD, "photos at several scales"));
+    if has_scales(data) {
+        return Ok(Choice::new(FIELD, OF_SCALES));
     }
     Ok(Facts::of(scene, data, run.stop)?.choose(purpose))
+}
+
+/// Photos are given at several scales, which no cloud is trained on.
+pub(super) fn has_scales(data: &Dataset) -> bool {
+    data.views().iter().any(|view| view.level > 0)
 }
 
 /// The system that a setting asks for, and the setting.

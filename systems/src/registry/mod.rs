@@ -8,9 +8,11 @@ mod known;
 mod moving_choice;
 #[cfg(test)]
 mod tests;
+mod wild_choice;
 
 pub use choice::choose;
 pub use moving_choice::choose_moving;
+pub use wild_choice::choose_wild;
 
 use crate::claims::Claim;
 use crate::plan::{Ask, Built, Shown};

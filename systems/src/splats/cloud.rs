@@ -191,6 +191,7 @@ impl Cloud {
     /// [`RunError::Option`] for a camera that cannot see.
     pub fn render(&self, camera: &Camera, query: &Query) -> Result<Rendered, RunError> {
         let renderer = CloudRenderer {
+            layers: None,
             clouds: &[DrawnCloud::alone(&self.cloud)],
             frame: &self.frame,
             settings: self.settings,

@@ -111,6 +111,15 @@ impl DensityRules {
         Ok(Self { schedule, control })
     }
 
+    /// The same at other times, where no Gaussian begins from outside.
+    pub(crate) fn of_schedule(self, schedule: DensityConfig) -> Self {
+        let control = match self.control {
+            ControlConfig::Split(split) => ControlConfig::Split(SplitConfig { refill: 0.0, ..split }),
+            other => other,
+        };
+        Self { schedule, control }
+    }
+
     /// # Errors
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {

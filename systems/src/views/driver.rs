@@ -7,7 +7,7 @@ use super::config::PictureConfig;
 use super::density_control::ChangeTime;
 use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;
-use super::hooks::{CloudMotion, ColourAppearance, OfAppearance, RenderJudge, SurveyJudge};
+use super::hooks::{CloudLayers, CloudMotion, ColourAppearance, Front, OfAppearance, RenderJudge, SurveyJudge};
 use super::memory::Pictures;
 use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, StepJudge, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
@@ -60,14 +60,42 @@ pub(crate) struct ViewParts {
     pub(crate) judge: Option<Box<dyn RenderJudge>>,
     /// Says it by the renders of all photos, from time to time; `None`: all do.
     pub(crate) surveys: Option<Box<dyn SurveyJudge>>,
+    /// Two clouds that are put together; `None`: all are drawn together.
+    pub(crate) layers: Option<ViewLayers>,
     /// Clouds at a time; `None`: they stand still.
     pub(crate) motion: Option<Box<dyn CloudMotion>>,
+    pub(crate) times: PhotoTimes,
     /// Which view-space gradients the density control is given.
     pub(crate) view_space: ViewSpaceGradient,
     pub(crate) background: Background,
     /// What the schedule takes of its time; `None`: it is not corrected by what the steps took.
     pub(crate) time: Option<PlannedTime>,
     pub(crate) seed: u64,
+}
+
+/// The times of photos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PhotoTimes {
+    /// Their own.
+    Own,
+    /// Each has one of its own, in their order: what moves is another thing in each of them.
+    Order,
+}
+
+impl PhotoTimes {
+    fn of(self, data: &Dataset, view: usize) -> f64 {
+        match self {
+            Self::Own => data.view(view).time,
+            Self::Order => view as f64 / data.len().saturating_sub(1).max(1) as f64,
+        }
+    }
+}
+
+/// Two clouds that are put together.
+pub(crate) struct ViewLayers {
+    pub(crate) part: Box<dyn CloudLayers>,
+    /// Whether pictures show the one in front, where nothing is asked.
+    pub(crate) front: Front,
 }
 
 /// A system of Gaussians.
@@ -122,11 +150,14 @@ impl Views {
             extras: parts.clouds.iter().map(|cloud| cloud.training.extra.composited).max().unwrap_or(0),
             plain: parts.appearance.is_some() && parts.terms.iter().any(|term| term.reads_plain()),
         };
-        let pass = picture_pass(simd, layout).ok_or_else(|| SystemError::Config {
-            field: "system",
-            value: parts.name.into(),
-            problem: format!("pictures of {} features are not drawn", layout.features()),
-        })?;
+        let pass = match &parts.layers {
+            Some(layers) => layers.part.pass(simd),
+            None => picture_pass(simd, layout).ok_or_else(|| SystemError::Config {
+                field: "system",
+                value: parts.name.into(),
+                problem: format!("pictures of {} features are not drawn", layout.features()),
+            })?,
+        };
         let frame = parts.frame;
         let smoothing = Smoothing::new(&parts.pictures, data, &frame, &parts.clouds).map_err(refused)?;
         let cameras = data.views().iter().map(|v| frame.to_internal(v.camera.pose.c).as_vec3().to_array()).collect();
@@ -195,7 +226,7 @@ impl Views {
             surveys.weigh(&photo, &mut self.target.weights);
         }
         self.seconds[0] += clock.elapsed().as_secs_f64();
-        Ok(Shown { view, time: data.view(view).time, camera, background })
+        Ok(Shown { view, time: self.parts.times.of(data, view), camera, background })
     }
 
     /// The clouds as they are drawn at a time.
@@ -254,6 +285,7 @@ impl Views {
             judge: judge.as_deref().map(|judge| StepJudge { judge, step }),
             judged: None,
             view_space: *view_space,
+            step,
             camera: camera_gradient,
             seconds: &mut seconds,
         };
@@ -383,6 +415,7 @@ impl Views {
         CloudRenderer {
             clouds,
             frame: &self.parts.frame,
+            layers: self.parts.layers.as_ref(),
             settings: self.parts.pictures.raster(),
             appearance: self
                 .parts

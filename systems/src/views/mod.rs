@@ -41,6 +41,7 @@ mod free_space;
 #[cfg(test)]
 mod gradient_tests;
 mod hooks;
+mod layered;
 mod memory;
 mod optimiser;
 pub(crate) mod outside;
@@ -74,13 +75,16 @@ pub(crate) use config::{
 pub(crate) use density_config::{
     AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, PlannedDensity, SplitConfig,
 };
-pub(crate) use drawing::{DrawnCloud, VisibleCloud};
-pub(crate) use driver::{ViewParts, Views, refused};
-pub(crate) use hooks::{Beside, CloudMotion, ColourAppearance, ColourBars, Learns, RenderJudge, SurveyJudge};
-pub(crate) use pass::ViewSpaceGradient;
+pub(crate) use drawing::{DrawnCloud, SeenGaussians, VisibleCloud};
+pub(crate) use driver::{PhotoTimes, ViewLayers, ViewParts, Views, refused};
+pub(crate) use hooks::{
+    Beside, CloudLayers, CloudMotion, ColourAppearance, ColourBars, Front, FrontSeen, Learns, RenderJudge, SurveyJudge,
+};
+pub(crate) use pass::{LossParts, Outcome, Pass, PassError, PicturePass, StepCamera, ViewSpaceGradient, squared_error};
 pub(crate) use place_codes::PlaceCodes;
+pub(crate) use planes::{PlaneLayout, RenderedPicture};
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
-pub(crate) use terms::{L1Dssim, L1DssimConfig, Structure};
+pub(crate) use terms::{L1Dssim, L1DssimConfig, Structure, TargetPicture};
 pub(crate) use undistortion::source;
 pub(crate) use visual_hull::VisualHull;
 pub(crate) use weights::{MaskWeight, StepPhoto, Weights, nearest};

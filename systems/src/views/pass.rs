@@ -83,6 +83,8 @@ pub(crate) struct LossParts<'a> {
     /// How much each pixel counted, where there is a judge and it said anything.
     pub(crate) judged: Option<Vec<f32>>,
     pub(crate) view_space: ViewSpaceGradient,
+    /// Step of the schedule.
+    pub(crate) step: u64,
     /// Where the gradient with respect to the camera of the step goes; `None`: nobody asks.
     pub(crate) camera: Option<&'a mut CameraGradient>,
     /// Seconds of each of [`PARTS`], added to.
@@ -112,7 +114,7 @@ pub(crate) fn picture_pass(simd: Simd, layout: PlaneLayout) -> Option<Box<dyn Pi
 
 /// Buffers of a pass that composites `K` features, of which the layout's are read.
 #[derive(Debug)]
-struct Pass<const K: usize> {
+pub(crate) struct Pass<const K: usize> {
     simd: Simd,
     layout: PlaneLayout,
     projections: Projections,
@@ -129,7 +131,7 @@ struct Pass<const K: usize> {
 }
 
 impl<const K: usize> Pass<K> {
-    fn new(simd: Simd, layout: PlaneLayout) -> Self {
+    pub(crate) fn new(simd: Simd, layout: PlaneLayout) -> Self {
         Self {
             simd,
             layout,
@@ -147,7 +149,7 @@ impl<const K: usize> Pass<K> {
     }
 
     /// Draw the clouds, over the background.
-    fn draw(
+    pub(crate) fn draw(
         &mut self,
         clouds: &[DrawnCloud<'_>],
         camera: &StepCamera<'_>,
@@ -185,19 +187,10 @@ impl<const K: usize> Pass<K> {
         target: &TargetPicture<'_>,
         parts: &mut LossParts<'_>,
     ) -> Result<(f64, f64), PassError> {
-        let pixels = size[0] * size[1];
-        let plane = |first: usize, count: usize| &self.planes[first * pixels..][..count * pixels];
-        let picture = RenderedPicture {
-            size,
-            colour: plane(0, COLOUR),
-            depth: self.layout.depth_feature().map(|depth| plane(depth, 1)),
-            extras: plane(self.layout.first_extra(), self.layout.extras),
-            plain: self.layout.plain.then(|| plane(self.layout.first_plain(), COLOUR)),
-            transmittance: plane(K, 1),
-        };
+        let picture = pictured::<K>(&self.planes, self.layout, size);
         parts.judged = parts.judge.and_then(|at| judged(at, &picture, target));
         let target = &TargetPicture { weights: parts.judged.as_deref().or(target.weights), ..*target };
-        self.bars.begin(pixels, K, self.layout);
+        self.bars.begin(size[0] * size[1], K, self.layout);
         let mut loss = 0.0;
         for term in &mut *parts.terms {
             term.add(&picture, target, &mut self.bars, &mut loss)?;
@@ -243,8 +236,51 @@ impl<const K: usize> Pass<K> {
         }
     }
 
+    /// The last picture, of `size`.
+    pub(crate) fn picture(&self, size: [usize; 2]) -> RenderedPicture<'_> {
+        pictured::<K>(&self.planes, self.layout, size)
+    }
+
+    /// Gradients with respect to the planes of the last picture, of `size`: none yet.
+    pub(crate) fn begin_bars(&mut self, size: [usize; 2]) -> &mut PlaneBars {
+        self.bars.begin(size[0] * size[1], K, self.layout);
+        &mut self.bars
+    }
+
+    /// Exchange the gradients with respect to the centres on the picture, which the density control is given.
+    pub(crate) fn swap_uv(&mut self, uv: &mut Vec<[f32; 2]>) {
+        std::mem::swap(&mut self.uv, uv);
+    }
+
+    /// Take the gradient with respect to features and places on the picture back to `clouds`.
+    pub(crate) fn projection_backward(
+        &mut self,
+        clouds: &[DrawnCloud<'_>],
+        camera: &StepCamera<'_>,
+        mut camera_gradient: Option<&mut CameraGradient>,
+        gradients: &mut [CloudParameters],
+    ) -> Result<(), SplatError> {
+        let projected = Projected { view: camera.view, settings: camera.settings, layout: self.layout };
+        for (cloud, gradient) in clouds.iter().zip(gradients) {
+            let camera = camera_gradient.as_deref_mut();
+            self.projections.backward(self.simd, cloud, &projected, &self.gradients, gradient, camera)?;
+        }
+        Ok(())
+    }
+
+    /// Add the seconds of each of [`PARTS`] since the last time.
+    pub(crate) fn add_seconds(&mut self, seconds: &mut [f64; PARTS.len()]) {
+        for (sum, more) in seconds.iter_mut().zip(std::mem::take(&mut self.clock).seconds) {
+            *sum += more;
+        }
+    }
+
     /// Take the gradient with respect to the planes back to the features and the view-space positions.
-    fn raster_backward(&mut self, camera: &StepCamera<'_>, view_space: ViewSpaceGradient) -> Result<(), SplatError> {
+    pub(crate) fn raster_backward(
+        &mut self,
+        camera: &StepCamera<'_>,
+        view_space: ViewSpaceGradient,
+    ) -> Result<(), SplatError> {
         let Self { simd, projections, features, raster, bars, gradients, uv, .. } = self;
         let (simd, gaussians, settings) = (*simd, projections.gaussians(), camera.settings);
         let bars = bars.composited(camera.background);
@@ -284,18 +320,12 @@ impl<const K: usize> PicturePass for Pass<K> {
         }
         let base =
             parts.appearance.as_deref_mut().map(|part| self.appearance_backward(clouds, part, &appearance, gradients));
-        let projected = Projected { view: camera.view, settings: camera.settings, layout: self.layout };
-        for (cloud, gradient) in clouds.iter().zip(&mut *gradients) {
-            let camera = parts.camera.as_deref_mut();
-            self.projections.backward(self.simd, cloud, &projected, &self.gradients, gradient, camera)?;
-        }
+        self.projection_backward(clouds, camera, parts.camera.as_deref_mut(), gradients)?;
         if let Some(base) = base {
             self.add_base(&base, gradients);
         }
         self.clock.lap(5);
-        for (sum, more) in parts.seconds.iter_mut().zip(self.clock.seconds) {
-            *sum += more;
-        }
+        self.add_seconds(parts.seconds);
         Ok(Outcome { loss, mse, drawn })
     }
 
@@ -311,6 +341,20 @@ impl<const K: usize> PicturePass for Pass<K> {
     fn plain(&self) -> Option<&[f32]> {
         let pixels = self.planes.len() / (K + 1);
         self.layout.plain.then(|| &self.planes[self.layout.first_plain() * pixels..][..COLOUR * pixels])
+    }
+}
+
+/// A picture of `K` features, by its planes.
+fn pictured<const K: usize>(planes: &[f32], layout: PlaneLayout, size: [usize; 2]) -> RenderedPicture<'_> {
+    let pixels = size[0] * size[1];
+    let plane = |first: usize, count: usize| &planes[first * pixels..][..count * pixels];
+    RenderedPicture {
+        size,
+        colour: plane(0, COLOUR),
+        depth: layout.depth_feature().map(|depth| plane(depth, 1)),
+        extras: plane(layout.first_extra(), layout.extras),
+        plain: layout.plain.then(|| plane(layout.first_plain(), COLOUR)),
+        transmittance: plane(K, 1),
     }
 }
 
@@ -333,7 +377,7 @@ fn judged(at: StepJudge<'_>, picture: &RenderedPicture<'_>, target: &TargetPictu
 }
 
 /// Mean squared error over every eighth row that counts: for the progress line, not for learning.
-fn squared_error(picture: &RenderedPicture<'_>, target: &TargetPicture<'_>) -> f64 {
+pub(crate) fn squared_error(picture: &RenderedPicture<'_>, target: &TargetPicture<'_>) -> f64 {
     let [width, height] = [picture.size[0].max(1), picture.size[1].max(1)];
     let (mut sum, mut count) = (0.0, 0.0);
     let rows = picture.colour.chunks_exact(width).zip(target.colour.chunks_exact(width));

@@ -127,6 +127,7 @@ pub(crate) fn refine(
             judge: None,
             judged: None,
             view_space: ViewSpaceGradient::Plain,
+            step,
             camera: None,
             seconds: &mut seconds,
         };

@@ -2,6 +2,7 @@
 
 use super::cloud_frame::CloudFrame;
 use super::drawing::{DrawnCloud, Projections};
+use super::driver::ViewLayers;
 use super::hooks::OfAppearance;
 use super::photo::view;
 use super::planes::PlaneLayout;
@@ -38,6 +39,8 @@ pub(crate) fn one_pixel(ray: &Ray, radius: f32) -> Camera {
 pub(crate) struct CloudRenderer<'a> {
     pub(crate) clouds: &'a [DrawnCloud<'a>],
     pub(crate) frame: &'a CloudFrame,
+    /// They are drawn one by one and put together.
+    pub(crate) layers: Option<&'a ViewLayers>,
     pub(crate) settings: RasterSettings,
     /// Colours are turned into those of an appearance.
     pub(crate) appearance: Option<OfAppearance<'a>>,
@@ -46,8 +49,8 @@ pub(crate) struct CloudRenderer<'a> {
 
 /// Buffers of a picture.
 #[derive(Debug, Default)]
-struct Buffers {
-    projections: Projections,
+pub(super) struct Buffers {
+    pub(super) projections: Projections,
     colours: Vec<[f32; 3]>,
     features: Vec<[f32; FEATURES]>,
     raster: Raster<FEATURES>,
@@ -100,7 +103,15 @@ impl CloudRenderer<'_> {
     }
 
     /// The same of a pinhole camera.
-    fn pinhole(&self, camera: &Camera, query: &Query, buffers: &mut Buffers) -> Result<(Layers, Skipped), SplatError> {
+    pub(super) fn pinhole(
+        &self,
+        camera: &Camera,
+        query: &Query,
+        buffers: &mut Buffers,
+    ) -> Result<(Layers, Skipped), SplatError> {
+        if let Some(layers) = self.layers {
+            return self.layered(layers, camera, query, buffers);
+        }
         let view = view(camera, self.frame);
         let Buffers { projections, colours, features, raster, planes, medians } = buffers;
         projections.project(self.simd, self.clouds, &view, &self.settings)?;
@@ -241,6 +252,9 @@ fn distorted(picture: &DistortedPicture, from: &Layers, query: &Query) -> Layers
         let nearest = corners.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |c| c.0);
         out.depth[i] = from.depth[nearest];
         out.median_depth[i] = from.median_depth[nearest];
+        if let (Some(to), false) = (out.behind.get_mut(i), from.behind.is_empty()) {
+            *to = [0, 1, 2].map(|c| corners.iter().map(|&(at, share)| share * from.behind[at][c]).sum());
+        }
         if let (Some(to), Some(from)) = (out.normal.get_mut(i), from.normal.get(nearest)) {
             *to = *from;
         }

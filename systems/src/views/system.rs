@@ -5,6 +5,7 @@ use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::{CloudParameters, joined};
 use super::driver::{Clouds, OWN, Views};
 use super::free_space;
+use super::hooks::Front;
 use super::memory;
 use super::pass::PARTS;
 use super::render::{RAY_RADIUS, one_pixel};
@@ -139,7 +140,13 @@ impl System for Views {
     fn splats(&self, query: &Query) -> Option<Splats> {
         let drawn = self.clouds_at(query.time);
         let toned = self.in_appearance(&drawn, query);
-        let mut gaussians = joined(&toned.iter().map(|cloud| &**cloud).collect::<Vec<_>>());
+        let mut gaussians = match (&self.parts.layers, &drawn[..]) {
+            (Some(layers), [_, front]) => match layers.front {
+                Front::Hidden => joined(&[&*toned[0]]),
+                Front::Shown => joined(&[&*toned[0], &layers.part.front_alone(front)]),
+            },
+            _ => joined(&toned.iter().map(|cloud| &**cloud).collect::<Vec<_>>()),
+        };
         self.parts.frame.cloud_to_world(&mut gaussians);
         let raster = self.parts.pictures.raster();
         let near = (f64::from(raster.near) * self.parts.frame.scale) as f32;

@@ -2,6 +2,7 @@
 
 use losses::depth::ScaleShift;
 use losses::depth::median::{Alignment, aligned, aligned_backward};
+use losses::edge_variation::{DepthAndPhoto, edge_variation, edge_variation_backward};
 use testkit::golden::{Golden, Kind, assert_close};
 
 fn golden() -> Golden {
@@ -69,4 +70,23 @@ fn aligned_depth_matches_golden() {
         side.backward(&p, |i| normal_bar[i], &mut bar).unwrap();
         assert_close(&format!("{} bar", record.label()), &wide(&bar), &record.grad("pred").data, 1e-6, 1e-8);
     }
+}
+
+#[test]
+fn variation_less_where_the_photo_has_an_edge_matches_golden() {
+    let mut seen = 0;
+    for record in golden().op("edge_tv") {
+        let (depth, image) = (record.input("d").f32(), record.input("img"));
+        let size = [image.shape[1], image.shape[0]];
+        let pixels = image.f32();
+        let photo: Vec<f32> = (0..3).flat_map(|c| pixels.iter().skip(c).step_by(3).copied()).collect();
+        let of = DepthAndPhoto { size, depth: &depth, photo: &photo };
+        let mut bar = vec![0.0; depth.len()];
+        let loss = edge_variation_backward(&of, record.cotangent("loss").scalar(), &mut bar).unwrap();
+        assert_eq!(loss, edge_variation(&of).unwrap());
+        assert_close(&record.label(), &[loss], &record.output("loss").data, 1e-12, 0.0);
+        assert_close(&format!("{} bar", record.label()), &wide(&bar), &record.grad("d").data, 1e-5, 1e-7);
+        seen += 1;
+    }
+    assert_eq!(seen, 1);
 }

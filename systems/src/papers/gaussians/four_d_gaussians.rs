@@ -83,6 +83,7 @@ static RECIPE: Recipe = Recipe {
     loss: LOSS,
     motion: Some(motion),
     photos: None,
+    layers: None,
 };
 
 /// A cloud at its start, and why it is as it is.

@@ -1,6 +1,8 @@
 //! Systems of Gaussians: a file each, on what all of them are made of (`recipe`) and where they begin (`start`).
 
+pub(crate) mod degauss;
 pub(crate) mod four_d_gaussians;
+mod layers;
 mod photos;
 mod recipe;
 pub(crate) mod splat;

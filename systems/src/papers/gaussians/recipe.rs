@@ -1,5 +1,6 @@
 //! A system of one cloud: what it is made of, what a scene makes of that, and the system that comes out.
 
+use super::layers::{AskedLayers, LayerParts};
 use super::photos::{AskedPhotos, PhotoParts};
 use super::start::{AskedStart, FieldBefore, Seeing, StartConfig, StartKind, field_steps, with_field};
 use crate::claims::Claim;
@@ -14,8 +15,8 @@ use crate::views::cloud_frame::CloudFrame;
 use crate::views::start::scene_box;
 use crate::views::{
     CloudConfig, CloudMotion, CloudRates, CloudTraining, DensityConfig, DensityRules, ExtraRows, L1Dssim,
-    L1DssimConfig, MaskWeight, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts, ViewSpaceGradient,
-    Views, refused,
+    L1DssimConfig, MaskWeight, PhotoTimes, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts,
+    ViewSpaceGradient, Views, refused,
 };
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions, Stop};
@@ -48,6 +49,8 @@ pub(super) struct Recipe {
     pub(super) motion: Option<MotionOf>,
     /// What photos differ in; `None`: in nothing but what they see.
     pub(super) photos: Option<PhotoParts>,
+    /// A cloud in front, which is what moves; `None`: all is one cloud.
+    pub(super) layers: Option<LayerParts>,
 }
 
 impl Recipe {
@@ -73,6 +76,9 @@ impl Recipe {
         lines.extend(asked.photos.iter().flat_map(|photos| photos.lines(horizon)));
         lines.extend(asked.motion.as_ref().map(|motion| motion.line(&asked)));
         let seeing = if motion.is_some() { Seeing::ManyTimes } else { Seeing::OneTime };
+        let times = photo_times(&planned.times, data);
+        let layers = asked.layers.map(|layers| layers.parts(&asked, &layout, data, times, run.seed)).transpose()?;
+        lines.extend(asked.layers.iter().map(|layers| layers.line(times)));
         let AskedStart { at, field } = asked.start;
         let refill = asked.training.density.refill();
         let codes = asked.photos.as_ref().and_then(AskedPhotos::codes);
@@ -97,17 +103,22 @@ impl Recipe {
         if bent > 0 {
             lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
         }
+        let behind = TrainedCloud::new(training, 0, &start.cloud).map_err(refused)?;
+        let (front, layers) = layers.unzip();
         let parts = ViewParts {
             name: self.claim.name,
             frame: asked.frame,
             pictures: asked.pictures,
-            clouds: vec![TrainedCloud::new(training, 0, &start.cloud).map_err(refused)?],
-            terms: vec![Box::new(loss)],
+            clouds: [behind].into_iter().chain(front).collect(),
+            // Two clouds that are put together have costs of their own.
+            terms: if layers.is_some() { Vec::new() } else { vec![Box::new(loss)] },
             weights: vec![Box::new(MaskWeight)],
             appearance,
             judge,
             surveys,
+            layers,
             motion,
+            times,
             view_space: ViewSpaceGradient::Plain,
             background,
             time,
@@ -133,13 +144,11 @@ impl Recipe {
     pub(super) fn names(&'static self) -> toml::Table {
         let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
         let mut names = toml::Table::new();
-        for set in [
-            toml::toml! { start = "field" },
-            toml::toml! { start = "field"
-            density = "adc" },
-            toml::toml! { start = "field"
-            density = "mcmc" },
-        ] {
+        let words = [("density", "adc"), ("density", "mcmc")];
+        let of_photos = self.photos.is_some().then_some(("occluders", "residual"));
+        for word in [None].into_iter().chain(words.into_iter().chain(of_photos).map(Some)) {
+            let mut set = toml::toml! { start = "field" };
+            set.extend(word.map(|(key, word)| (key.to_owned(), word.into())));
             let run = run(set);
             let mut settings = Settings::new(&run);
             self.of_nothing(&[], &mut settings).expect("settings as published");
@@ -203,7 +212,10 @@ impl Planned {
         lines.push(format!("frame: the cameras extend over {:.4} world units", frame.scale));
         let still = CloudPace::of(data)?;
         let pace = if moves { still.moving() } else { still };
-        let share = if recipe.photos.is_some() { FieldShare::Large } else { FieldShare::Usual };
+        // A cloud behind what moves stands still.
+        let of_cloud = if recipe.layers.is_some() { still } else { pace };
+        let share =
+            if recipe.photos.is_some() || recipe.layers.is_some() { FieldShare::Large } else { FieldShare::Usual };
         let field_steps = field_steps(CloudPace::field_steps(stop, share));
         let planned = match (moves || recipe.photos.is_some()) && has_alpha(data)? {
             true => StartConfig::of_cut_out_thing(scene),
@@ -229,7 +241,7 @@ impl Planned {
             cloud: CloudConfig {
                 centre: frame.centre,
                 radius: frame.scale,
-                max_splats: pace.gaussians(horizon as f64),
+                max_splats: of_cloud.gaussians(horizon as f64),
                 sh_every: horizon / 20,
                 ..recipe.cloud
             },
@@ -239,7 +251,7 @@ impl Planned {
             density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..schedule },
             pictures: PictureConfig { coarse, coarse_steps, ..recipe.pictures },
             pace: Some(pace),
-            times: if moves { view_times(data) } else { Arc::default() },
+            times: if moves { times_of(recipe, data) } else { Arc::default() },
             longest: data.longest_side().unwrap_or(0),
             free_space,
             recipe,
@@ -271,19 +283,23 @@ impl Planned {
         loss.check()?;
         let motion =
             self.recipe.motion.map(|motion| AskedMotion::new(motion(self.times.clone()), settings)).transpose()?;
-        Ok(AskedParts { training, frame, pictures, loss, start, motion, photos })
+        let horizon = self.rates.horizon;
+        let layers =
+            self.recipe.layers.map(|layers| layers.asked(self.pace.as_ref(), horizon, settings)).transpose()?;
+        Ok(AskedParts { training, frame, pictures, loss, start, motion, photos, layers })
     }
 }
 
 /// Settings after `--set`.
 pub(super) struct AskedParts {
-    training: CloudTraining,
-    frame: CloudFrame,
+    pub(super) training: CloudTraining,
+    pub(super) frame: CloudFrame,
     pictures: PictureConfig,
     loss: L1DssimConfig,
     pub(super) start: AskedStart,
     motion: Option<AskedMotion>,
     photos: Option<AskedPhotos>,
+    layers: Option<AskedLayers>,
 }
 
 impl AskedParts {
@@ -328,7 +344,24 @@ impl AskedMotion {
         let cube = UnitBox::new(&scene_box(layout, data), &asked.frame);
         let features = self.features.features(Rng::new(seed, STREAM))?;
         let CloudTraining { cloud, rates, .. } = &asked.training;
-        let field = DeformationField::new(self.settings, features, cube, 0, cloud.sh_degree, rates.horizon, seed)?;
+        // What moves is in front.
+        let index = usize::from(asked.layers.is_some());
+        let field = DeformationField::new(self.settings, features, cube, index, cloud.sh_degree, rates.horizon, seed)?;
         Ok(Box::new(field))
     }
+}
+
+/// The times of the photos, for what moves; of a cloud in front photos without times each have one of their own, in their order.
+fn times_of(recipe: &Recipe, data: &Dataset) -> Arc<[f32]> {
+    let times = view_times(data);
+    if !times.is_empty() || recipe.layers.is_none() {
+        return times;
+    }
+    let last = data.len().saturating_sub(1).max(1) as f32;
+    (0..data.len()).map(|k| 2.0 * k as f32 / last - 1.0).collect()
+}
+
+/// Whether the times that something moves by are those of the photos.
+fn photo_times(times: &[f32], data: &Dataset) -> PhotoTimes {
+    if !times.is_empty() && view_times(data).is_empty() { PhotoTimes::Order } else { PhotoTimes::Own }
 }

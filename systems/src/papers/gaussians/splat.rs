@@ -94,6 +94,7 @@ static RECIPE: Recipe = Recipe {
     loss: LOSS,
     motion: None,
     photos: None,
+    layers: None,
 };
 
 /// A cloud at its start, and why it is as it is.

@@ -162,6 +162,11 @@ impl CountConfig {
 }
 
 impl Places {
+    /// So many random places.
+    pub(super) fn random(count: usize) -> Self {
+        Self::Random(CountConfig { start_count: count })
+    }
+
     /// The cloud at its start; at random places only where photos do not rule them out.
     pub(super) fn start(
         self,

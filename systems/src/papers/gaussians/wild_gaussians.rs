@@ -67,9 +67,15 @@ static RECIPE: Recipe = Recipe {
         masks: MaskSettings { judge_first: 100 },
         judge: JUDGE,
     }),
+    layers: None,
 };
 
 /// A cloud at its start, and why it is as it is.
 pub(crate) fn build(ask: Ask<'_>) -> Built {
     RECIPE.build(ask)
+}
+
+/// All settings by name, whatever is chosen; values are of no scene.
+pub(crate) fn names() -> toml::Table {
+    RECIPE.names()
 }

@@ -49,14 +49,14 @@ const SHARE: f64 = 0.05;
 const SECOND_SHARE: f64 = 0.01;
 /// With fewer photos only three or four show a place: too few for a robust loss to tell in which of them an occluder hides it. A
 /// transient part of each photo takes its place.
-const FEW_PHOTOS: usize = 16;
+pub(crate) const FEW_PHOTOS: usize = 16;
 /// Largest ratio of marks of the scene to other marks with which there are occluders; larger for few photos, as a transient part
 /// leaves nothing out for good.
 const SCENE: f64 = 1.0;
 const SCENE_OF_FEW: f64 = 2.0;
 
 /// Appearance and occluders of the photos, each with a line of reason.
-pub(super) fn needs(
+pub(crate) fn needs(
     ground: &mut Ground,
     data: &Dataset,
     run: &RunOptions,
@@ -102,7 +102,7 @@ pub(super) fn needs(
     let (scene, kind, word) = if data.len() < FEW_PHOTOS {
         (SCENE_OF_FEW, OccluderKind::Transient, "a transient part of each photo, as there are few")
     } else {
-        (SCENE, OccluderKind::Robust, "left out by a robust loss")
+        (SCENE, OccluderKind::Robust, "left out")
     };
     let (occluders, word) = if found.has_occluders(limit, scene) { (kind, word) } else { (OccluderKind::None, "none") };
     ground.lines.push(format!(

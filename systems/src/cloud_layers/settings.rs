@@ -1,0 +1,51 @@
+//! Settings of two clouds in one picture.
+
+use crate::views::{first_of, not_negative, positive, unless};
+use engine::system::SystemError;
+use serde::{Deserialize, Serialize};
+
+/// Two clouds in one picture: weights of what it costs, beside the absolute difference, which has 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LayerSettings {
+    /// The cloud in front waits for this share of the schedule: what stands still is learnt first.
+    pub(crate) front_from: f64,
+    /// The cloud in front changes how bright the one behind is, as shadows do.
+    pub(crate) front_shades: bool,
+    /// Learning rate of the masks of Gaussians in front.
+    pub(crate) front_mask_lr: f64,
+    /// Difference of the structure of the picture.
+    pub(crate) front_structure: f64,
+    /// Each cloud alone, where a pixel is most likely its own.
+    pub(crate) front_each: f64,
+    /// Masks that are neither: from the middle of the schedule on.
+    pub(crate) front_entropy: f64,
+    /// What is in front lies behind.
+    pub(crate) front_separation: f64,
+    /// Depths behind vary where the photo does not.
+    pub(crate) front_smoothness: f64,
+    /// Brightness other than 1, at the end.
+    pub(crate) front_brightness: f64,
+}
+
+impl LayerSettings {
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        first_of([
+            unless(
+                (0.0..1.0).contains(&self.front_from),
+                "front_from",
+                self.front_from,
+                "must be a share, 0 to below 1",
+            ),
+            positive("front_mask_lr", self.front_mask_lr),
+            not_negative("front_structure", self.front_structure),
+            not_negative("front_each", self.front_each),
+            not_negative("front_entropy", self.front_entropy),
+            not_negative("front_separation", self.front_separation),
+            not_negative("front_smoothness", self.front_smoothness),
+            not_negative("front_brightness", self.front_brightness),
+        ])
+    }
+}
