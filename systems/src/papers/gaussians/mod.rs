@@ -4,5 +4,6 @@ pub(crate) mod four_d_gaussians;
 mod photos;
 mod recipe;
 pub(crate) mod splat;
+pub(crate) mod spotless;
 mod start;
 pub(crate) mod wild_gaussians;
