@@ -85,7 +85,7 @@ impl FeatureMaskSettings {
 /// What says which pixels show the scene.
 enum Rule {
     Errors(ErrorMaskSettings),
-    Features { settings: FeatureMaskSettings, photos: PhotoFeatures, network: FeatureNetwork },
+    Features { settings: FeatureMaskSettings, photos: PhotoFeatures, network: Box<FeatureNetwork> },
 }
 
 /// Leaves out what is far from its render, or what features say is like that.
@@ -112,7 +112,7 @@ impl ErrorJudge {
 
     /// By features of the photos.
     pub(crate) fn of_features(settings: FeatureMaskSettings, photos: PhotoFeatures, horizon: u64, seed: u64) -> Self {
-        let network = FeatureNetwork::new(photos.channels(), Rng::new(seed, NETWORK));
+        let network = Box::new(FeatureNetwork::new(photos.channels(), Rng::new(seed, NETWORK)));
         Self::new(Rule::Features { settings, photos, network }, horizon, seed)
     }
 
