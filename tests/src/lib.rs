@@ -11,6 +11,7 @@ use engine::system::{LayerRequest, Normals, Query, System, SystemError, TensorMa
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 use systems::registry::build;
 
@@ -105,6 +106,19 @@ pub fn state_after(
         system.step(train, step).expect("a step of training");
     }
     state_of(system.as_ref())
+}
+
+/// A feature file of `f32`.
+///
+/// # Panics
+/// If it cannot be written.
+pub fn write_features(path: &Path, [channels, height, width]: [usize; 3], value: impl Fn(usize) -> f32) {
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({channels}, {height}, {width}), }}\n");
+    let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+    bytes.extend(u16::try_from(header.len()).expect("a short header").to_le_bytes());
+    bytes.extend(header.bytes());
+    bytes.extend((0..channels * height * width).flat_map(|i| value(i).to_le_bytes()));
+    std::fs::write(path, bytes).expect("a file");
 }
 
 /// Six steps make the same bits on 1, 2 and 4 threads, and when a state is saved and loaded between them. `run` builds a

@@ -88,6 +88,8 @@ fn wild_systems_take_no_more_memory_than_they_say() {
     each_holds("nerf-wild", text(&scene), &systems, &TEN);
     let few = [&TEN[..], &["--set", "max_splats=2000", "--set", "judge_first=4"]].concat();
     each_holds("nerf-wild", text(&scene), &["wild-gaussians"], &few);
+    let few = [&TEN[..], &["--set", "max_splats=2000"]].concat();
+    each_holds("nerf-wild", text(&scene), &["spotless"], &few);
 }
 
 #[test]

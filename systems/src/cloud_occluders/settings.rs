@@ -13,12 +13,18 @@ pub(crate) enum CloudOccluders {
     Photos,
     /// What has not the structure of its photo is left out, photo by photo.
     Residual,
+    /// What is further from its render than most pixels of the last photos is left out.
+    Errors,
+    /// What features of the photos say is like that is left out.
+    Features,
+    /// `features` where photos have them as files, else `errors`.
+    Auto,
 }
 
 /// The kind, as a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct OccluderChoice {
-    /// `none`, `photos` or `residual`.
+    /// `none`, `photos`, `residual`, `errors`, `features` or `auto`.
     pub(crate) occluders: CloudOccluders,
 }

@@ -85,7 +85,7 @@ fn channels(size: [usize; 2], planes: &[f32]) -> Vec<Plane> {
 }
 
 impl RenderJudge for StructureJudge {
-    fn weights(&self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>> {
+    fn weights(&mut self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>> {
         let share = self.share(step);
         let faded = |counts: f32| 1.0 + share * (counts - 1.0);
         (share > 0.0).then(|| self.static_pixels(beside).into_iter().map(faded).collect())
@@ -128,7 +128,7 @@ mod tests {
         let size = [64, 60];
         let [render, photo] = pictures(size);
         let judge = StructureJudge::new(SETTINGS, 1000);
-        let counts = judge.static_pixels(&Beside { size, render: &render, photo: &photo });
+        let counts = judge.static_pixels(&Beside { view: 0, size, render: &render, photo: &photo, before: None });
         assert_eq!((counts[30 * 64 + 30], counts[5 * 64 + 5], counts[55 * 64 + 60]), (0.0, 1.0, 1.0));
         let left_out = counts.iter().filter(|c| **c == 0.0).count();
         assert!((300..1100).contains(&left_out), "{left_out}");
@@ -138,10 +138,10 @@ mod tests {
     fn pixels_come_to_count_nothing_step_by_step() {
         let size = [64, 60];
         let [render, photo] = pictures(size);
-        let judge = StructureJudge::new(SETTINGS, 1000);
-        let beside = Beside { size, render: &render, photo: &photo };
+        let mut judge = StructureJudge::new(SETTINGS, 1000);
+        let beside = Beside { view: 0, size, render: &render, photo: &photo, before: None };
         assert!(judge.weights(199, &beside).is_none());
-        let at = |step: u64| judge.weights(step, &beside).unwrap()[30 * 64 + 30];
+        let mut at = |step: u64| judge.weights(step, &beside).unwrap()[30 * 64 + 30];
         assert!((at(300) - 0.5).abs() < 1e-6 && at(400) == 0.0 && at(5000) == 0.0);
     }
 
@@ -158,9 +158,11 @@ mod tests {
     #[test]
     fn nothing_is_judged_of_nothing_and_what_is_not_finite_does_not_count() {
         let judge = StructureJudge::new(SETTINGS, 0);
-        assert!(judge.static_pixels(&Beside { size: [0, 4], render: &[], photo: &[] }).is_empty());
+        assert!(
+            judge.static_pixels(&Beside { view: 0, size: [0, 4], render: &[], photo: &[], before: None }).is_empty()
+        );
         let (nan, one) = (vec![f32::NAN; 3 * 16], vec![1.0; 3 * 16]);
-        let counts = judge.static_pixels(&Beside { size: [4, 4], render: &nan, photo: &one });
+        let counts = judge.static_pixels(&Beside { view: 0, size: [4, 4], render: &nan, photo: &one, before: None });
         assert!(counts.iter().all(|c| *c == 0.0));
         assert!(SETTINGS.check().is_ok());
         for bad in [

@@ -4,7 +4,7 @@
 //!
 //! * `none`: no occluders, every pixel shows the scene;
 //! * `pixel_error`: the loss of a pixel's error, squared or robust; `likelihood`: its likelihood under an uncertainty;
-//! * `pixel_network`: a small network over the pixels of photos;
+//! * `pixel_network`: a small network over the pixels of photos; `photo_features`: what a large one made of the photos, from files;
 //! * `static_maps`: which squares of each photo are static;
 //! * `survey`: when all photos are compared with the field, and at what scale; `outliers`: the static maps found by that, from
 //!   `expected_error`; `scene_guard`: what is part of the scene, however badly it is rendered.
@@ -13,6 +13,7 @@ pub(crate) mod expected_error;
 pub(crate) mod likelihood;
 pub(crate) mod none;
 pub(crate) mod outliers;
+pub(crate) mod photo_features;
 pub(crate) mod pixel_error;
 pub(crate) mod pixel_network;
 pub(crate) mod scene_guard;

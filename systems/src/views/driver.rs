@@ -282,7 +282,7 @@ impl Views {
         let mut parts = LossParts {
             terms,
             appearance: appearance.as_deref_mut(),
-            judge: judge.as_deref().map(|judge| StepJudge { judge, step }),
+            judge: judge.as_deref_mut().map(|judge| StepJudge { judge, step }),
             judged: None,
             view_space: *view_space,
             step,
@@ -313,6 +313,13 @@ impl Views {
     /// Learn from the photo that is shown.
     fn learn(&mut self, step: u64, view: &View, shown: &Shown) -> Result<StepStats, SystemError> {
         let outcome = self.compare(step, view, shown, None)?;
+        let judge_bad = self.parts.judge.as_deref_mut().map_or(0, |part| part.learn(self.simd));
+        if self.target.weights.are_zero() {
+            // The judge left nothing of the photo.
+            self.note(&Skipped { blank: [1, 0], ..Skipped::default() });
+            self.guard.record(judge_bad)?;
+            return Ok(StepStats { nonfinite: judge_bad as u64, ..StepStats::default() });
+        }
         let position = self.position.of(step);
         let ViewParts { clouds, appearance, motion, .. } = &mut self.parts;
         let clock = Instant::now();
@@ -326,7 +333,7 @@ impl Views {
         let all: usize = clouds.iter().map(|cloud| cloud.parameters.len()).sum();
         let mut skipped = Skipped::default();
         let mut seen = 0;
-        let (mut cost, mut bad) = (0.0, 0);
+        let (mut cost, mut bad) = (0.0, judge_bad);
         for (index, cloud) in clouds.iter_mut().enumerate() {
             let visible = self.pass.seen(index);
             seen += visible.gaussians.len();

@@ -110,20 +110,55 @@ pub(crate) enum Front {
 /// What a photo and its render are, pixel by pixel: planes `[3][rows][columns]`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Beside<'a> {
+    /// Index of the view.
+    pub(crate) view: usize,
     /// Columns and rows.
     pub(crate) size: [usize; 2],
     /// In the appearance of the photo.
     pub(crate) render: &'a [f32],
     pub(crate) photo: &'a [f32],
+    /// How much each pixel counts before it is judged, where they do not all alike: those of 0 are as rendered.
+    pub(crate) before: Option<&'a [f32]>,
 }
 
 /// Says which pixels of a photo show the scene, by its render: in each step that shows it.
 pub(crate) trait RenderJudge: Send + Sync {
     /// How much each pixel counts in a step of the schedule, 0 to 1; `None`: all as before.
-    fn weights(&self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>>;
+    fn weights(&mut self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>>;
 
     /// 1 for what shows the scene, 0 for what does not.
     fn static_pixels(&self, beside: &Beside<'_>) -> Vec<f32>;
+
+    /// Learn from the picture that was last given to [`weights`](Self::weights), if that was since the last time. Returns how many
+    /// entries of a gradient were not finite.
+    fn learn(&mut self, simd: Simd) -> usize {
+        let _ = simd;
+        0
+    }
+
+    /// What its next step depends on.
+    fn state(&self) -> Vec<Tensor<'_>> {
+        Vec::new()
+    }
+
+    /// What [`state`](Self::state) wrote.
+    ///
+    /// # Errors
+    /// [`SystemError::State`] naming the array that is missing or does not fit. Nothing has changed then.
+    fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
+        let _ = state;
+        Ok(())
+    }
+
+    /// Number of its parameters.
+    fn parameter_count(&self) -> usize {
+        0
+    }
+
+    /// Bytes of what it knows of photos.
+    fn bytes(&self) -> usize {
+        0
+    }
 }
 
 /// Says which pixels of all photos show the scene, by all renders: from time to time, before a step.

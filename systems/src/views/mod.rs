@@ -69,8 +69,8 @@ mod weights;
 pub(crate) use cloud::{CloudTraining, TrainedCloud};
 pub(crate) use cloud_parameters::CloudParameters;
 pub(crate) use config::{
-    CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, RowStart, WideningKind, first_of, not_negative, positive,
-    unless,
+    CloudConfig, CloudRates, ExtraRows, MOST, PictureConfig, Problem, RowStart, WideningKind, first_of, not_negative,
+    positive, unless,
 };
 pub(crate) use density_config::{
     AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, PlannedDensity, SplitConfig,

@@ -92,9 +92,8 @@ pub(crate) struct LossParts<'a> {
 }
 
 /// Judges a picture in a step of the schedule.
-#[derive(Clone, Copy)]
 pub(crate) struct StepJudge<'a> {
-    pub(crate) judge: &'a dyn RenderJudge,
+    pub(crate) judge: &'a mut (dyn RenderJudge + 'static),
     pub(crate) step: u64,
 }
 
@@ -188,7 +187,7 @@ impl<const K: usize> Pass<K> {
         parts: &mut LossParts<'_>,
     ) -> Result<(f64, f64), PassError> {
         let picture = pictured::<K>(&self.planes, self.layout, size);
-        parts.judged = parts.judge.and_then(|at| judged(at, &picture, target));
+        parts.judged = parts.judge.as_mut().and_then(|at| judged(at, &picture, target));
         let target = &TargetPicture { weights: parts.judged.as_deref().or(target.weights), ..*target };
         self.bars.begin(size[0] * size[1], K, self.layout);
         let mut loss = 0.0;
@@ -360,10 +359,11 @@ fn pictured<const K: usize>(planes: &[f32], layout: PlaneLayout, size: [usize; 2
 
 /// How much each pixel counts in a step, by a judge and as before it. Pixels that do not count are as rendered for it: they say
 /// nothing of their neighbours.
-fn judged(at: StepJudge<'_>, picture: &RenderedPicture<'_>, target: &TargetPicture<'_>) -> Option<Vec<f32>> {
+fn judged(at: &mut StepJudge<'_>, picture: &RenderedPicture<'_>, target: &TargetPicture<'_>) -> Option<Vec<f32>> {
     let (size, render) = (picture.size, picture.colour);
+    let beside = Beside { view: target.view, size, render, photo: target.colour, before: target.weights };
     let Some(before) = target.weights else {
-        return at.judge.weights(at.step, &Beside { size, render, photo: target.colour });
+        return at.judge.weights(at.step, &beside);
     };
     let mut photo = target.colour.to_vec();
     for (photo, render) in photo.chunks_exact_mut(before.len().max(1)).zip(render.chunks_exact(before.len().max(1))) {
@@ -371,7 +371,7 @@ fn judged(at: StepJudge<'_>, picture: &RenderedPicture<'_>, target: &TargetPictu
             photo[i] = render[i];
         }
     }
-    let mut weights = at.judge.weights(at.step, &Beside { size, render, photo: &photo })?;
+    let mut weights = at.judge.weights(at.step, &Beside { photo: &photo, ..beside })?;
     weights.iter_mut().zip(before).for_each(|(weight, before)| *weight *= before);
     Some(weights)
 }

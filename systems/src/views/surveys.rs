@@ -81,7 +81,7 @@ impl Views {
         let rendered = self.render_training_view(data, view, 1)?;
         let (render, photo) =
             (planes(rendered.pixels.iter().map(|pixel| pixel.rgb)), planes(rendered.truth.iter().copied()));
-        Ok(Some(judge.static_pixels(&Beside { size, render: &render, photo: &photo })))
+        Ok(Some(judge.static_pixels(&Beside { view, size, render: &render, photo: &photo, before: None })))
     }
 
     /// See [`engine::system::System::prepass`].

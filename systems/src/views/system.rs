@@ -210,6 +210,7 @@ impl System for Views {
         out.extend(self.parts.appearance.iter().flat_map(|part| part.state()));
         out.extend(self.parts.motion.iter().flat_map(|part| part.state()));
         out.extend(self.parts.surveys.iter().flat_map(|part| part.state()));
+        out.extend(self.parts.judge.iter().flat_map(|part| part.state()));
         out
     }
 
@@ -229,6 +230,9 @@ impl System for Views {
         if let Some(part) = &mut self.parts.surveys {
             part.load(state)?;
         }
+        if let Some(part) = &mut self.parts.judge {
+            part.load(state)?;
+        }
         self.parts.clouds = clouds;
         if let (Some(smoothing), Some(filters)) = (&mut self.smoothing, filters) {
             smoothing.put(filters);
@@ -242,7 +246,8 @@ impl System for Views {
     fn parameter_count(&self) -> usize {
         let appearance = self.parts.appearance.as_ref().map_or(0, |part| part.parameter_count());
         let motion = self.parts.motion.as_ref().map_or(0, |part| part.parameter_count());
-        self.cloud_parameters() + appearance + motion
+        let judge = self.parts.judge.as_ref().map_or(0, |part| part.parameter_count());
+        self.cloud_parameters() + appearance + motion + judge
     }
 
     fn memory_bytes(&self) -> usize {
@@ -254,7 +259,8 @@ impl System for Views {
         // A cloud that moves is there twice, where it is canonical and at the time of a photo.
         let copies = if self.parts.motion.is_some() { self.cloud_parameters() * size_of::<f32>() } else { 0 };
         let toned = if self.parts.appearance.is_some() { self.toned_bytes(self.gaussians()) } else { 0 };
-        clouds + copies + toned + (appearance + motion) * LEARNT_BYTES + self.sizes.bytes() + free_space
+        let judge = self.parts.judge.as_ref().map_or(0, |part| part.parameter_count() * LEARNT_BYTES + part.bytes());
+        clouds + copies + toned + (appearance + motion) * LEARNT_BYTES + judge + self.sizes.bytes() + free_space
     }
 
     fn growth_bytes(&self) -> usize {

@@ -17,6 +17,7 @@ mod splat_start;
 mod splat_stop;
 mod splat_threads;
 mod splat_training;
+mod spotless;
 mod wild_auto;
 mod wild_clouds;
 mod wild_ha_nerf;

@@ -10,7 +10,7 @@ use engine::system::{System, SystemError, TensorMap};
 use scene_io::{Features, Scene};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use tests::{assert_same_bits, state_after, state_of, table_data};
+use tests::{assert_same_bits, state_after, state_of, table_data, write_features};
 
 const SMALL: [&str; 3] = ["levels=4", "log2_table=12", "batch_samples=4096"];
 
@@ -23,16 +23,6 @@ fn planned(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<(
     let set = SMALL.iter().copied().chain(narrow).chain(set.iter().copied()).map(|s| parse_set(s).unwrap()).collect();
     let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
     systems::registry::build(name, scene, train, &run)
-}
-
-/// A feature file of `f32`.
-fn write_features(path: &Path, [channels, height, width]: [usize; 3], value: impl Fn(usize) -> f32) {
-    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({channels}, {height}, {width}), }}\n");
-    let mut bytes = b"\x93NUMPY\x01\0".to_vec();
-    bytes.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
-    bytes.extend(header.bytes());
-    bytes.extend((0..channels * height * width).flat_map(|i| value(i).to_le_bytes()));
-    std::fs::write(path, bytes).unwrap();
 }
 
 /// Give every training photo features of `channels(photo)` channels in `folder`.

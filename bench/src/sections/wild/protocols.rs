@@ -110,6 +110,8 @@ const HUGS_CODES: Entry = HUGS.set("hugs with codes", "appearance = 'codes'");
 const WILD_GAUSSIANS: Entry = Entry::new("wild-gaussians");
 const CLOUD_ONE_APPEARANCE: Entry = WILD_GAUSSIANS.set("wild-gaussians, one appearance", "appearance = 'none'");
 const CLOUD_ALL_SHOWN: Entry = WILD_GAUSSIANS.set("wild-gaussians, no masks", "occluders = 'none'");
+/// Without features beside the photos: masks by errors.
+const SPOTLESS: Entry = Entry::new("spotless");
 const CLOUD_STRUCTURE: Entry = WILD_GAUSSIANS.set("wild-gaussians, masks of structure", "occluders = 'residual'");
 
 /// Every appearance is the same there, or known: whole views count.
@@ -144,6 +146,7 @@ const PERTURBED: [Photos; 4] = [
             SF_NERF_ONE_APPEARANCE,
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ONE_APPEARANCE,
+            SPOTLESS,
             CLOUD_STRUCTURE,
         ],
     },
@@ -175,6 +178,7 @@ const PERTURBED: [Photos; 4] = [
             SF_NERF,
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ONE_APPEARANCE,
+            SPOTLESS,
             CLOUD_ALL_SHOWN,
         ],
     },
@@ -190,6 +194,7 @@ const EVERYTHING: &[Entry] = &[
     SF_NERF,
     WILD_GAUSSIANS,
     CLOUD_ONE_APPEARANCE,
+    SPOTLESS,
     CLOUD_ALL_SHOWN,
 ];
 

@@ -6,5 +6,6 @@ mod layers;
 mod photos;
 mod recipe;
 pub(crate) mod splat;
+pub(crate) mod spotless;
 mod start;
 pub(crate) mod wild_gaussians;

@@ -2,15 +2,20 @@
 
 use crate::cloud_appearance::{AppearanceChoice, CloudAppearance, Tone, ToneSettings};
 use crate::cloud_occluders::{
-    CloudOccluders, MaskSettings, OccluderChoice, PhotoMasks, StructureJudge, StructureSettings,
+    CloudOccluders, ErrorJudge, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, OccluderChoice, PhotoFeatures,
+    PhotoMasks, StructureJudge, StructureSettings,
 };
+use crate::limits::refuse;
 use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig};
+use crate::occluders::photo_features::{AskedBy, has_features, read_features};
 use crate::settings::Settings;
 use crate::views::{ColourAppearance, ExtraRows, PlaceCodes, RenderJudge, RowStart, Structure, SurveyJudge};
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::SystemError;
+use scene_io::{Features, Scene};
 use splat_core::Gaussians;
+use std::sync::Arc;
 
 /// The parts, before a scene asks for anything.
 #[derive(Clone, Copy, Debug)]
@@ -25,11 +30,31 @@ pub(super) struct PhotoParts {
     pub(super) occluders: CloudOccluders,
     pub(super) masks: MaskSettings,
     pub(super) judge: StructureSettings,
+    pub(super) errors: ErrorMaskSettings,
+    pub(super) features: FeatureMaskSettings,
 }
 
+/// What is asked of the photos before settings are.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Seen {
+    /// Longest side, pixels.
+    pub(super) longest: u32,
+    /// Whether any has features, as a file.
+    pub(super) features: bool,
+}
+
+impl Seen {
+    pub(super) fn of(scene: &Scene, data: &Dataset) -> Self {
+        Self { longest: data.longest_side().unwrap_or(0), features: has_features(scene, data) }
+    }
+}
+
+/// Who asks for features.
+const BY_FEATURES: AskedBy = AskedBy { field: "occluders", value: "features", without: "occluders=errors" };
+
 impl PhotoParts {
-    /// The settings of the parts that are there, after `--set`, of photos of a longest side.
-    pub(super) fn asked(&self, longest: u32, settings: &mut Settings<'_>) -> Result<AskedPhotos, SystemError> {
+    /// The settings of the parts that are there, after `--set`.
+    pub(super) fn asked(&self, seen: Seen, settings: &mut Settings<'_>) -> Result<AskedPhotos, SystemError> {
         let AppearanceChoice { appearance } = settings.of(&AppearanceChoice { appearance: self.appearance })?;
         let tone = match appearance {
             CloudAppearance::None => None,
@@ -40,7 +65,8 @@ impl PhotoParts {
         let occluders = match occluders {
             CloudOccluders::None => AskedOccluders::None,
             CloudOccluders::Photos => {
-                let (masks, outliers) = (settings.of(&self.masks)?, settings.of(&OutlierConfig::of_photos(longest))?);
+                let (masks, outliers) =
+                    (settings.of(&self.masks)?, settings.of(&OutlierConfig::of_photos(seen.longest))?);
                 masks.check()?;
                 outliers.check()?;
                 AskedOccluders::Photos(masks, outliers)
@@ -50,8 +76,21 @@ impl PhotoParts {
                 judge.check()?;
                 AskedOccluders::Residual(judge)
             }
+            CloudOccluders::Features => self.by_features(settings)?,
+            CloudOccluders::Auto if seen.features => self.by_features(settings)?,
+            CloudOccluders::Errors | CloudOccluders::Auto => {
+                let errors = settings.of(&self.errors)?;
+                errors.check()?;
+                AskedOccluders::Errors(errors)
+            }
         };
         Ok(AskedPhotos { tone, sh_degree: self.sh_degree, structure: self.structure, occluders })
+    }
+
+    fn by_features(&self, settings: &mut Settings<'_>) -> Result<AskedOccluders, SystemError> {
+        let features = settings.of(&self.features)?;
+        features.check()?;
+        Ok(AskedOccluders::Features(features))
     }
 }
 
@@ -67,6 +106,8 @@ enum AskedOccluders {
     None,
     Photos(MaskSettings, OutlierConfig),
     Residual(StructureSettings),
+    Errors(ErrorMaskSettings),
+    Features(FeatureMaskSettings),
 }
 
 /// The parts of a cloud.
@@ -104,6 +145,7 @@ impl AskedPhotos {
     /// The parts, for a schedule of `horizon` steps.
     pub(super) fn parts(
         &self,
+        scene: &Scene,
         data: &Dataset,
         background: Background,
         horizon: u64,
@@ -127,6 +169,13 @@ impl AskedPhotos {
             AskedOccluders::Residual(settings) => {
                 known.judge = Some(Box::new(StructureJudge::new(*settings, horizon)));
             }
+            AskedOccluders::Errors(settings) => {
+                known.judge = Some(Box::new(ErrorJudge::of_errors(*settings, horizon, seed)));
+            }
+            AskedOccluders::Features(settings) => {
+                let features = PhotoFeatures::new(features_of(scene, data)?, data);
+                known.judge = Some(Box::new(ErrorJudge::of_features(*settings, features, horizon, seed)));
+            }
         }
         Ok(known)
     }
@@ -149,7 +198,29 @@ impl AskedPhotos {
                 "occluders: from step {} of the cloud on, what has not the structure of its photo is left out",
                 (judge.judge_from * horizon as f64) as u64
             ),
+            AskedOccluders::Errors(errors) => format!(
+                "occluders: the share {} of pixels that are furthest from their renders is left out (RobustFilter; without \
+                 `.features.npy` beside the photos, or not asked for)",
+                1.0 - errors.inlier_share
+            ),
+            AskedOccluders::Features(_) => {
+                "occluders: a network says by features of the photos what is left out (SLS-mlp)".to_owned()
+            }
         };
         vec![appearance, occluders]
     }
+}
+
+/// The features of all photos.
+fn features_of(scene: &Scene, data: &Dataset) -> Result<Vec<Arc<Features>>, SystemError> {
+    let features = read_features(scene, data, BY_FEATURES)?;
+    if features.is_empty() {
+        let photo = data.views().first().map_or("", |view| &view.name);
+        let problem = format!(
+            "photo `{photo}` has no `.features.npy` beside it, nor has any other: make them, or go without (`--set {}`)",
+            BY_FEATURES.without
+        );
+        return refuse(BY_FEATURES.field, BY_FEATURES.value, problem);
+    }
+    Ok(features)
 }

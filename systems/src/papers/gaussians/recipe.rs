@@ -1,7 +1,7 @@
 //! A system of one cloud: what it is made of, what a scene makes of that, and the system that comes out.
 
 use super::layers::{AskedLayers, LayerParts};
-use super::photos::{AskedPhotos, PhotoParts};
+use super::photos::{AskedPhotos, PhotoParts, Seen};
 use super::start::{AskedStart, FieldBefore, Seeing, StartConfig, StartKind, field_steps, with_field};
 use crate::claims::Claim;
 use crate::cloud_motion::{DeformationField, MotionParts, MotionSettings, UnitBox};
@@ -72,7 +72,7 @@ impl Recipe {
         let motion = asked.motion.as_ref().map(moving).transpose()?;
         let horizon = asked.training.rates.horizon;
         let photos =
-            asked.photos.as_ref().map(|photos| photos.parts(data, background, horizon, run.seed)).transpose()?;
+            asked.photos.as_ref().map(|photos| photos.parts(scene, data, background, horizon, run.seed)).transpose()?;
         lines.extend(asked.photos.iter().flat_map(|photos| photos.lines(horizon)));
         lines.extend(asked.motion.as_ref().map(|motion| motion.line(&asked)));
         let seeing = if motion.is_some() { Seeing::ManyTimes } else { Seeing::OneTime };
@@ -171,8 +171,7 @@ struct Planned {
     pace: Option<CloudPace>,
     /// Times of the photos, where the cloud moves.
     times: Arc<[f32]>,
-    /// Longest side of a photo, pixels.
-    longest: u32,
+    seen: Seen,
     /// Why places are known to be empty, where they are.
     free_space: Option<String>,
 }
@@ -190,7 +189,7 @@ impl Planned {
             pictures: recipe.pictures,
             pace: None,
             times: Arc::default(),
-            longest: 0,
+            seen: Seen::default(),
             free_space: None,
         }
     }
@@ -252,7 +251,7 @@ impl Planned {
             pictures: PictureConfig { coarse, coarse_steps, ..recipe.pictures },
             pace: Some(pace),
             times: if moves { times_of(recipe, data) } else { Arc::default() },
-            longest: data.longest_side().unwrap_or(0),
+            seen: Seen::of(scene, data),
             free_space,
             recipe,
         })
@@ -260,7 +259,7 @@ impl Planned {
 
     /// The settings of the parts that are there, after `--set`.
     fn asked(&self, points: &[Point], settings: &mut Settings<'_>, seed: u64) -> Result<AskedParts, SystemError> {
-        let photos = self.recipe.photos.as_ref().map(|parts| parts.asked(self.longest, settings)).transpose()?;
+        let photos = self.recipe.photos.as_ref().map(|parts| parts.asked(self.seen, settings)).transpose()?;
         let sh_degree = photos.as_ref().and_then(AskedPhotos::sh_degree).unwrap_or(self.cloud.sh_degree);
         let cloud = settings.of(&CloudConfig { sh_degree, ..self.cloud })?;
         cloud.check()?;

@@ -19,7 +19,7 @@ use super::splat;
 use super::start::StartKind;
 use crate::claims::Claim;
 use crate::cloud_appearance::{CloudAppearance, ToneSettings};
-use crate::cloud_occluders::{CloudOccluders, MaskSettings, StructureSettings};
+use crate::cloud_occluders::{CloudOccluders, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, StructureSettings};
 use crate::plan::{Ask, Built};
 use crate::views::{L1DssimConfig, Structure};
 
@@ -49,6 +49,24 @@ const TONE: ToneSettings = ToneSettings {
 /// Released: from step 10 000 of 70 000 on, over 1 800 steps.
 const JUDGE: StructureSettings = StructureSettings { judge_from: 0.15, judge_warmup: 0.03, uncertainty_weight: 0.5 };
 
+/// Of masks by errors and by features (Sabour et al., "SpotLessSplats", 2024), released: the chance falls to 1/e in 500 of 30 000 steps,
+/// the network learns at 1e-3; here there are a tenth of the steps or fewer.
+const ERRORS: ErrorMaskSettings = ErrorMaskSettings { chance_fade: 1.0 / 60.0, inlier_share: 0.7 };
+const FEATURES: FeatureMaskSettings =
+    FeatureMaskSettings { chance_fade: ERRORS.chance_fade, inlier_least: 0.5, inlier_most: 0.9, mask_lr: 1e-2 };
+
+pub(super) const PHOTOS: PhotoParts = PhotoParts {
+    appearance: CloudAppearance::Codes,
+    tone: TONE,
+    sh_degree: 1,
+    structure: Structure::Plain,
+    occluders: CloudOccluders::Photos,
+    masks: MaskSettings { judge_first: 100 },
+    judge: JUDGE,
+    errors: ERRORS,
+    features: FEATURES,
+};
+
 static RECIPE: Recipe = Recipe {
     claim: CLAIM,
     start: StartKind::Points,
@@ -58,15 +76,7 @@ static RECIPE: Recipe = Recipe {
     pictures: splat::PICTURES,
     loss: L1DssimConfig { dssim: 0.2 },
     motion: None,
-    photos: Some(PhotoParts {
-        appearance: CloudAppearance::Codes,
-        tone: TONE,
-        sh_degree: 1,
-        structure: Structure::Plain,
-        occluders: CloudOccluders::Photos,
-        masks: MaskSettings { judge_first: 100 },
-        judge: JUDGE,
-    }),
+    photos: Some(PHOTOS),
     layers: None,
 };
 

@@ -19,8 +19,9 @@ use stress::{Verdict, ensure, finite};
 /// The systems that do something about photos, on fields.
 const METHODS: [&str; 9] =
     ["robust-nerf", "nerf-w", "nerf-a", "nerf-u", "ha-nerf", "ha-nerf-a", "ha-nerf-t", "sf-nerf", "hugs"];
-/// The one that is a cloud.
+/// The one that is a cloud with an appearance for each photo, and the one with one for all.
 const CLOUD: &str = "wild-gaussians";
+const STILL_CLOUD: &str = "spotless";
 /// A cloud with few Gaussians, that come and go.
 const TINY_CLOUD: [&str; 6] =
     ["start=random", "start_count=200", "max_splats=400", "densify_from=1", "densify_every=2", "horizon=6"];
@@ -64,7 +65,7 @@ const STEPS: u64 = 5;
 /// Build a system with settings written as on the command line, `field=mlp` among them; later ones win.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
     let field: &[&str] = match name {
-        CLOUD => &TINY_CLOUD,
+        CLOUD | STILL_CLOUD => &TINY_CLOUD,
         _ if set.contains(&"field=mlp") => &TINY_NERF,
         _ => &TINY_NGP,
     };

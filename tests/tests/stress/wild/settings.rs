@@ -6,7 +6,7 @@ use scene_io::{PerturbationKind, perturb};
 use stress::Tally;
 
 /// Accepted at either end, by method.
-const ACCEPTED: [(&str, &str); 10] = [
+const ACCEPTED: [(&str, &str); 11] = [
     (
         "robust-nerf",
         "judging=batch judging=never judge_first=1 judge_first=9223372036854775807 judge_scale=1e-38 judge_scale=3e38
@@ -68,7 +68,13 @@ const ACCEPTED: [(&str, &str); 10] = [
         place_code_lr=0.0 place_code_lr=1000.0 tone_lr=1e-38 tone_lr=1000.0 judge_first=1 judge_first=9223372036854775807
         judge_scale=1e-38 judge_scale=3e38 trim_quantile=0.0 trim_quantile=1.0 patch=4 patch=256
         occluders=residual+judge_from=0.0+judge_warmup=0.0 occluders=residual+judge_warmup=1.0
-        occluders=residual+uncertainty_weight=2.0 occluders=residual+uncertainty_weight=1e-38",
+        occluders=residual+uncertainty_weight=2.0 occluders=residual+uncertainty_weight=1e-38
+        occluders=errors occluders=auto",
+    ),
+    (
+        "spotless",
+        "chance_fade=0.0 chance_fade=1.0 inlier_share=0.0 inlier_share=1.0 inlier_share=0.0+chance_fade=0.0
+        occluders=none occluders=photos occluders=residual appearance=codes dssim=0.2 opacity_decay=0.9",
     ),
 ];
 

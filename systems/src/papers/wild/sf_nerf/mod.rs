@@ -22,7 +22,6 @@
 mod config;
 mod filter;
 mod layer;
-mod photo_features;
 mod pretrained;
 mod rates;
 mod smoothness;
@@ -37,6 +36,7 @@ use crate::claims::Claim;
 use crate::codes::CodeTable;
 use crate::occluders::OccluderModel;
 use crate::occluders::likelihood::likelihood;
+use crate::occluders::photo_features::{AskedBy, read_features};
 use crate::occluders::pixel_error::squared;
 use crate::photo_model::{Outcome, PhotoAndRender, Pixel, PixelBar};
 use engine::data::Batch;
@@ -46,7 +46,6 @@ use filter::{Filter, FilterInput, OUTPUTS, Shape};
 use float_core::Simd;
 use layer::{Cost, Layer, LayerLoss};
 use losses::concrete::{BinaryConcrete, noise};
-use photo_features::read_features;
 use pretrained::{FilterStart, Pretrained};
 use rates::Rates;
 use scene_io::Features;
@@ -68,6 +67,9 @@ pub(crate) const CLAIM: Claim = Claim {
 /// Random streams: initial weights, and the noise of each pixel of a step.
 const INIT: u64 = 0x6669_6c74;
 const NOISE: u64 = 0x636f_696e;
+
+/// Who asks for features.
+const FILES: AskedBy = AskedBy { field: "filter_features", value: "\"files\"", without: "filter_features=none" };
 
 /// Weight of the loss of a coarse render.
 const COARSE: f32 = 0.1;
@@ -93,7 +95,7 @@ pub(super) fn occluders<'a>(planning: &mut Planning<'a>) -> Result<Build<'a, dyn
     let (scene, data, seed) = (planning.scene, planning.data, planning.run.seed);
     Ok(Box::new(move || {
         let features = match filter.filter_features {
-            FeatureKind::Files => read_features(scene, data)?,
+            FeatureKind::Files => read_features(scene, data, FILES)?,
             FeatureKind::None => Vec::new(),
         };
         let mut model = SfNerf::new(&filter, &layer, features, data.len(), seed)?;

@@ -7,8 +7,22 @@ use scene_io::{Features, Scene};
 use std::collections::HashMap;
 use std::sync::Arc;
 
+/// The setting that asks for features, for errors.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AskedBy {
+    pub(crate) field: &'static str,
+    /// As it is written.
+    pub(crate) value: &'static str,
+    /// The value with which none are needed, as it is written on the command line.
+    pub(crate) without: &'static str,
+}
+
 /// The features of all training views, or none at all.
-pub(super) fn read_features(scene: &Scene, data: &Dataset) -> Result<Vec<Arc<Features>>, SystemError> {
+///
+/// # Errors
+/// [`SystemError::Scene`] for a file that cannot be read, [`SystemError::Config`] naming a photo that has none where others have, or the
+/// file of one whose vectors have another length.
+pub(crate) fn read_features(scene: &Scene, data: &Dataset, asked: AskedBy) -> Result<Vec<Arc<Features>>, SystemError> {
     let mut known: HashMap<usize, Arc<Features>> = HashMap::new();
     let (mut out, mut without) = (Vec::new(), None);
     for view in data.views() {
@@ -26,7 +40,7 @@ pub(super) fn read_features(scene: &Scene, data: &Dataset) -> Result<Vec<Arc<Fea
         known.insert(view.frame, features.clone());
         out.push((features, &frame.priors.features));
     }
-    let refuse = |problem: String| refuse("filter_features", "\"files\"", problem);
+    let refuse = |problem: String| refuse(asked.field, asked.value, problem);
     let Some((first, first_path)) = out.first() else { return Ok(Vec::new()) };
     let name = |path: &Option<std::path::PathBuf>| path.as_ref().map_or(String::new(), |p| p.display().to_string());
     if let Some((features, path)) = out.iter().find(|(f, _)| f.channels != first.channels) {
@@ -37,10 +51,15 @@ pub(super) fn read_features(scene: &Scene, data: &Dataset) -> Result<Vec<Arc<Fea
     }
     if let Some(photo) = without {
         let problem = format!(
-            "photo `{photo}` has no `.features.npy` beside it, others have: make it, or go without any \
-             (`--set filter_features=none`)"
+            "photo `{photo}` has no `.features.npy` beside it, others have: make it, or go without any (`--set {}`)",
+            asked.without
         );
         return refuse(problem);
     }
     Ok(out.into_iter().map(|(features, _)| features).collect())
+}
+
+/// Whether any photo of the training views has a file of features.
+pub(crate) fn has_features(scene: &Scene, data: &Dataset) -> bool {
+    data.views().iter().any(|view| scene.frames[view.frame].priors.features.is_some())
 }
