@@ -13,12 +13,14 @@ pub(crate) enum CloudOccluders {
     Photos,
     /// What has not the structure of its photo is left out, photo by photo.
     Residual,
+    /// Pixels count less the more their colour is off, photo by photo.
+    Visibility,
 }
 
 /// The kind, as a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct OccluderChoice {
-    /// `none`, `photos` or `residual`.
+    /// `none`, `photos`, `residual` or `visibility`.
     pub(crate) occluders: CloudOccluders,
 }

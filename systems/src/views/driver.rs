@@ -7,7 +7,7 @@ use super::config::PictureConfig;
 use super::density_control::ChangeTime;
 use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;
-use super::hooks::{CloudMotion, ColourAppearance, OfAppearance, RenderJudge, SurveyJudge};
+use super::hooks::{CloudMotion, ColourAppearance, OfAppearance, RenderJudge, SeenPhoto, SurveyJudge};
 use super::memory::Pictures;
 use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, StepJudge, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
@@ -229,6 +229,10 @@ impl Views {
         camera_gradient: Option<&mut CameraGradient>,
     ) -> Result<Outcome, SystemError> {
         let settings = self.parts.pictures.raster();
+        if let Some(part) = &mut self.parts.appearance {
+            let photo = SeenPhoto { size: view.size, colour: &self.target.colour, weights: None, view: Some(view) };
+            part.look_at(step, shown.view, &photo);
+        }
         let step = self.position.of(step);
         let mut seconds = [0.0; PARTS.len()];
         let target =

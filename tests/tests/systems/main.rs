@@ -20,5 +20,6 @@ mod splat_training;
 mod wild_auto;
 mod wild_clouds;
 mod wild_ha_nerf;
+mod wild_maps;
 mod wild_methods;
 mod wild_mlp;

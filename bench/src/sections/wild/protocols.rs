@@ -112,6 +112,9 @@ const CLOUD_ONE_APPEARANCE: Entry = WILD_GAUSSIANS.set("wild-gaussians, one appe
 const CLOUD_ALL_SHOWN: Entry = WILD_GAUSSIANS.set("wild-gaussians, no masks", "occluders = 'none'");
 const CLOUD_STRUCTURE: Entry = WILD_GAUSSIANS.set("wild-gaussians, masks of structure", "occluders = 'residual'");
 
+const GS_W: Entry = Entry::new("gs-w");
+const GS_W_VISIBILITY: Entry = GS_W.set("gs-w, the paper's map", "occluders = 'visibility'");
+
 /// Every appearance is the same there, or known: whole views count.
 const ONE_APPEARANCE: &[&str] = &["mean"];
 /// The first photo of lego is left as it was.
@@ -145,6 +148,7 @@ const PERTURBED: [Photos; 4] = [
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ONE_APPEARANCE,
             CLOUD_STRUCTURE,
+            GS_W,
         ],
     },
     Photos {
@@ -159,6 +163,7 @@ const PERTURBED: [Photos; 4] = [
             HA_NERF_A.aims(&[Aim::Share(85.0)]),
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ALL_SHOWN,
+            GS_W,
         ],
     },
     Photos {
@@ -176,6 +181,8 @@ const PERTURBED: [Photos; 4] = [
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ONE_APPEARANCE,
             CLOUD_ALL_SHOWN,
+            GS_W,
+            GS_W_VISIBILITY,
         ],
     },
 ];
@@ -191,6 +198,7 @@ const EVERYTHING: &[Entry] = &[
     WILD_GAUSSIANS,
     CLOUD_ONE_APPEARANCE,
     CLOUD_ALL_SHOWN,
+    GS_W,
 ];
 
 const LEGO: Group = Group {
@@ -293,7 +301,7 @@ pub(super) const REAL: &[Group] = &[
             kind: Kind::AsIs,
             split: None,
             appearances: FITTED,
-            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF, WILD_GAUSSIANS],
+            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF, WILD_GAUSSIANS, GS_W],
         }],
     },
     Group {

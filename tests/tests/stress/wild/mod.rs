@@ -19,8 +19,8 @@ use stress::{Verdict, ensure, finite};
 /// The systems that do something about photos, on fields.
 const METHODS: [&str; 9] =
     ["robust-nerf", "nerf-w", "nerf-a", "nerf-u", "ha-nerf", "ha-nerf-a", "ha-nerf-t", "sf-nerf", "hugs"];
-/// The one that is a cloud.
-const CLOUD: &str = "wild-gaussians";
+/// Those that are clouds.
+const CLOUDS: [&str; 2] = ["wild-gaussians", "gs-w"];
 /// A cloud with few Gaussians, that come and go.
 const TINY_CLOUD: [&str; 6] =
     ["start=random", "start_count=200", "max_splats=400", "densify_from=1", "densify_every=2", "horizon=6"];
@@ -29,12 +29,14 @@ const TINY_CLOUD: [&str; 6] =
 fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
     let chosen = |key: &str| set.iter().rev().find_map(|s| s.strip_prefix(key)?.strip_prefix('='));
     let appearance = chosen("appearance").unwrap_or(match name {
-        "nerf-w" | "nerf-a" | "sf-nerf" | CLOUD => "codes",
+        "nerf-w" | "nerf-a" | "sf-nerf" | "wild-gaussians" => "codes",
+        "gs-w" => "maps",
         "ha-nerf" | "ha-nerf-a" => "encoder",
         _ => "none",
     });
     let mut small = match appearance {
         "codes" => vec!["appearance_dims=3"],
+        "maps" => vec!["encoder_side=16", "map_channels=2", "tone_width=4"],
         "encoder" => vec![
             "appearance_dims=3",
             "view_every=1",
@@ -47,8 +49,11 @@ fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
     };
     let of_occluders: &[&str] = match name {
         "robust-nerf" => &["judge_first=2"],
-        CLOUD if chosen("occluders").is_none() => &["judge_first=2"],
-        CLOUD if chosen("occluders") == Some("residual") => &["judge_from=0.2"],
+        _ if CLOUDS.contains(&name) => match chosen("occluders") {
+            None => &["judge_first=2"],
+            Some("residual" | "visibility") => &["judge_from=0.2"],
+            Some(_) => &[],
+        },
         "hugs" => &["warmup_steps=2", "superpixels=9"],
         "nerf-w" | "nerf-u" => &["transient_dims=4"],
         "ha-nerf" | "ha-nerf-t" => &["visibility_width=8", "visibility_depth=1", "visibility_dims=4"],
@@ -64,7 +69,7 @@ const STEPS: u64 = 5;
 /// Build a system with settings written as on the command line, `field=mlp` among them; later ones win.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
     let field: &[&str] = match name {
-        CLOUD => &TINY_CLOUD,
+        _ if CLOUDS.contains(&name) => &TINY_CLOUD,
         _ if set.contains(&"field=mlp") => &TINY_NERF,
         _ => &TINY_NGP,
     };

@@ -6,7 +6,7 @@ use scene_io::{PerturbationKind, perturb};
 use stress::Tally;
 
 /// Accepted at either end, by method.
-const ACCEPTED: [(&str, &str); 10] = [
+const ACCEPTED: [(&str, &str); 11] = [
     (
         "robust-nerf",
         "judging=batch judging=never judge_first=1 judge_first=9223372036854775807 judge_scale=1e-38 judge_scale=3e38
@@ -69,6 +69,14 @@ const ACCEPTED: [(&str, &str); 10] = [
         judge_scale=1e-38 judge_scale=3e38 trim_quantile=0.0 trim_quantile=1.0 patch=4 patch=256
         occluders=residual+judge_from=0.0+judge_warmup=0.0 occluders=residual+judge_warmup=1.0
         occluders=residual+uncertainty_weight=2.0 occluders=residual+uncertainty_weight=1e-38",
+    ),
+    (
+        "gs-w",
+        "appearance=none appearance=codes occluders=none occluders=visibility encoder_side=16 encoder_side=512
+        sampled_maps=0 sampled_maps=4 map_channels=1 map_channels=64 tone_width=1 tone_width=512 tone_scale=1e-38
+        tone_scale=1000.0 sample_weight=0.0 sample_weight=1000.0 place_code_lr=0.0 place_code_lr=1000.0 tone_lr=1e-38
+        tone_lr=1000.0 encoder_lr=1e-38 encoder_lr=0.1 occluders=visibility+judge_from=0.0
+        occluders=visibility+visibility_weight=1e-38 occluders=visibility+visibility_weight=3e38",
     ),
 ];
 
