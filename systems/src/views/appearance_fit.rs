@@ -8,7 +8,7 @@
 use super::drawing::{Projections, VisibleCloud};
 use super::driver::Views;
 use super::hooks::{OfAppearance, SeenPhoto};
-use super::photo::view;
+use super::photo::{over, view};
 use super::planes::{COLOUR, PlaneLayout, add_background};
 use engine::system::{Appearance, Fit};
 use glam::{DMat3, DVec3};
@@ -74,8 +74,7 @@ impl Gathered {
     }
 }
 
-/// See [`engine::system::System::encode_appearance`]. What a mask leaves out and what is transparent says nothing; the camera is not
-/// known.
+/// See [`engine::system::System::encode_appearance`]. What a mask leaves out says nothing; the camera is not known.
 pub(super) fn encode(system: &Views, photo: &Image) -> Option<Vec<f32>> {
     let part = system.parts.appearance.as_deref()?;
     let size = [photo.width as usize, photo.height as usize];
@@ -83,9 +82,9 @@ pub(super) fn encode(system: &Views, photo: &Image) -> Option<Vec<f32>> {
     let (mut colour, mut weights) = (vec![0.0; COLOUR * pixels], vec![0.0; pixels]);
     for i in 0..pixels {
         let [x, y] = [i % size[0], i / size[0]].map(|n| n as u32);
-        let pixel = photo.pixel(x, y);
-        (0..COLOUR).for_each(|c| colour[c * pixels + i] = f32::from(pixel[c]) / 255.0);
-        weights[i] = if photo.is_used(x, y) { pixel.get(COLOUR).map_or(1.0, |alpha| f32::from(*alpha)) } else { 0.0 };
+        let rgb = over(photo.pixel(x, y), system.parts.background.colour());
+        (0..COLOUR).for_each(|c| colour[c * pixels + i] = rgb[c]);
+        weights[i] = f32::from(u8::from(photo.is_used(x, y)));
     }
     part.encode(&SeenPhoto { size, colour: &colour, weights: Some(&weights), view: None })
 }

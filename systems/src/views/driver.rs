@@ -230,7 +230,9 @@ impl Views {
     ) -> Result<Outcome, SystemError> {
         let settings = self.parts.pictures.raster();
         if let Some(part) = &mut self.parts.appearance {
-            let photo = SeenPhoto { size: view.size, colour: &self.target.colour, weights: None, view: Some(view) };
+            // On the one that photos are encoded on wherever no step is made.
+            let colour = self.target.on(self.parts.background.colour());
+            let photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(view) };
             part.look_at(step, shown.view, &photo);
         }
         let step = self.position.of(step);

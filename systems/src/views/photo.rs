@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use render_core::camera::{Camera, Pose};
 use scene_io::{Image, SceneError};
 use splat_core::View;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Planes that are kept where copies of photos are not.
@@ -23,6 +24,9 @@ pub(super) struct StepTarget {
     pub(super) camera: Camera,
     /// `[3][rows][columns]`, on the step's background.
     pub(super) colour: Vec<f32>,
+    /// `[rows][columns]`, how much of the background is seen; empty where the photo has no alpha.
+    behind: Vec<f32>,
+    background: [f32; 3],
     pub(super) weights: Weights,
 }
 
@@ -38,7 +42,7 @@ pub(super) fn view(camera: &Camera, frame: &CloudFrame) -> View {
 impl Default for StepTarget {
     fn default() -> Self {
         let camera = Camera::pinhole(1, 1, 1.0, 1.0, 0.5, 0.5, Pose::IDENTITY);
-        Self { camera, colour: Vec::new(), weights: Weights::default() }
+        Self { camera, colour: Vec::new(), behind: Vec::new(), background: [0.0; 3], weights: Weights::default() }
     }
 }
 
@@ -60,13 +64,33 @@ impl StepTarget {
                     (r[i], g[i], b[i]) = (rgb[0], rgb[1], rgb[2]);
                 }
             });
+        self.background = background;
+        self.behind.clear();
+        if channels == 4 {
+            self.behind.extend(image.data.chunks_exact(channels).map(|p| 1.0 - f32::from(p[3]) * UNIT));
+        }
         self.weights.begin();
+    }
+
+    /// The colours on another background.
+    pub(super) fn on(&self, background: [f32; 3]) -> Cow<'_, [f32]> {
+        if self.behind.is_empty() || self.background == background {
+            return Cow::Borrowed(&self.colour);
+        }
+        let mut colour = self.colour.clone();
+        for (c, plane) in colour.chunks_exact_mut(self.behind.len()).enumerate() {
+            let other = background[c] - self.background[c];
+            plane.iter_mut().zip(&self.behind).for_each(|(x, behind)| *x += behind * other);
+        }
+        Cow::Owned(colour)
     }
 }
 
+/// One of the values of a byte, as a share.
+const UNIT: f32 = 1.0 / 255.0;
+
 /// A pixel over a background.
-fn over(p: &[u8], background: [f32; 3]) -> [f32; 3] {
-    const UNIT: f32 = 1.0 / 255.0;
+pub(super) fn over(p: &[u8], background: [f32; 3]) -> [f32; 3] {
     match *p {
         [r, g, b, a] => {
             let a = f32::from(a) * UNIT;
