@@ -185,6 +185,23 @@ mod tests {
     use scene_io::{ImageStore, StoreOptions};
 
     #[test]
+    fn colours_on_another_background_are_those_of_a_photo_that_was_put_on_it() {
+        let camera = Camera::pinhole(2, 1, 1.0, 1.0, 1.0, 0.5, Pose::IDENTITY);
+        let (grey, white) = ([0.5; 3], [1.0; 3]);
+        let photo = Image::rgba(2, 1, vec![10, 20, 30, 255, 100, 150, 200, 51]).unwrap();
+        let [mut on_grey, mut on_white] = [StepTarget::default(), StepTarget::default()];
+        on_grey.fill(&photo, &camera, grey);
+        on_white.fill(&photo, &camera, white);
+        assert!(on_grey.colour != on_white.colour);
+        for (got, want) in on_grey.on(white).iter().zip(&on_white.colour) {
+            assert!((got - want).abs() < 1e-6, "{got} {want}");
+        }
+        // One without alpha covers everything, whatever was there before.
+        on_grey.fill(&Image::rgb(2, 1, vec![9; 6]).unwrap(), &camera, grey);
+        assert_eq!(*on_grey.on(white), on_grey.colour[..]);
+    }
+
+    #[test]
     fn copies_that_are_not_kept_are_the_same() {
         let mut frames = made::frames(4, |k, x, y| [20 * k as u8, 7 * x as u8, 7 * y as u8, 255]);
         for (k, frame) in frames.iter_mut().enumerate() {
