@@ -5,10 +5,12 @@
 //! channels  8   16   32   32   32     with their mean over all: 32   32   24   16   the maps
 //! ```
 //!
-//! ReLU after each but the last. The mean tells every pixel how bright the photo is. The paper has the first layers of ResNet-18 as they
+//! ReLU after each but the last. The mean tells every pixel how bright the photo is; as convolutions learn slowly what a factor and a
+//! summand do to a photo, a linear map of its tones ([`tone`]) is added to each map, as to the codes of [`crate::appearance`]. The paper has the first layers of ResNet-18 as they
 //! were learnt from a million photos, and about a hundred times as many parameters.
 
 use super::settings::{HALVINGS, MapSettings};
+use crate::appearance::photo_network::tone;
 use crate::buffers::shapes_hold;
 use engine::system::SystemError;
 use field_core::FieldError;
@@ -25,6 +27,11 @@ use std::ops::Range;
 const DOWN: [usize; 5] = [8, 16, 32, 32, 32];
 const MIDDLE: usize = 32;
 const UP: [usize; 3] = [32, 24, 16];
+
+/// From the darkest to the brightest pixels of a photo.
+const TILTS: [f32; 5] = [-50.0, -5.0, 0.0, 5.0, 50.0];
+/// Tones of three channels.
+const TONES: usize = 3 * TILTS.len();
 
 /// What a convolution reads.
 #[derive(Clone, Copy, Debug)]
@@ -46,9 +53,11 @@ struct Layer {
     size: Size,
 }
 
-/// Convolutions. Parameters: one after the other, as [`Conv2d`] has them.
+/// Convolutions. Parameters: one after the other, as [`Conv2d`] has them, then `[maps and channels][tones]`.
 pub(super) struct MapNetwork {
     layers: Vec<Layer>,
+    /// Planes of all maps.
+    planes: usize,
     simd: Simd,
 }
 
@@ -57,6 +66,7 @@ pub(super) struct MapNetwork {
 pub(super) struct MapMemory {
     inputs: Vec<Vec<f32>>,
     outputs: Vec<Vec<f32>>,
+    tones: Vec<f32>,
     work: Workspace,
 }
 
@@ -109,11 +119,17 @@ impl MapNetwork {
             let first = layers.last().map_or(0, |layer| layer.params.end);
             layers.push(Layer { params: first..first + conv.param_count(), conv, input, size: Size::one(side, side) });
         }
-        Ok(Self { layers, simd: Simd::best() })
+        Ok(Self { layers, planes: settings.maps() * settings.map_channels, simd: Simd::best() })
     }
 
     pub(super) fn param_count(&self) -> usize {
-        self.layers.last().map_or(0, |layer| layer.params.end)
+        self.of_tones().end
+    }
+
+    /// Where the linear map of tones lies.
+    fn of_tones(&self) -> Range<usize> {
+        let first = self.layers.last().map_or(0, |layer| layer.params.end);
+        first..first + self.planes * TONES
     }
 
     /// Numbers that [`MapMemory`] holds of a photo.
@@ -122,7 +138,7 @@ impl MapNetwork {
         self.layers.iter().map(of).sum()
     }
 
-    /// Random parameters; biases are 0.
+    /// Random parameters; biases are 0, and tones say nothing.
     pub(super) fn init(&self, rng: Rng) -> Vec<f32> {
         let mut params = vec![0.0; self.param_count()];
         for (k, layer) in self.layers.iter().enumerate() {
@@ -134,7 +150,13 @@ impl MapNetwork {
 
     /// The maps of `pixels` `[3][side][side]`: `[channels][side / 2][side / 2]`.
     pub(super) fn forward<'m>(&self, params: &[f32], pixels: &[f32], memory: &'m mut MapMemory) -> &'m [f32] {
-        let MapMemory { inputs, outputs, work } = memory;
+        let MapMemory { inputs, outputs, tones, work } = memory;
+        let plane = pixels.len() / 3;
+        let all = vec![1.0; plane];
+        tones.clear();
+        for x in pixels.chunks_exact(plane) {
+            tones.extend(TILTS.iter().map(|tilt| tone(x, &all, *tilt)));
+        }
         inputs.clear();
         outputs.clear();
         for (k, layer) in self.layers.iter().enumerate() {
@@ -149,7 +171,13 @@ impl MapNetwork {
             inputs.push(x);
             outputs.push(y);
         }
-        outputs.last().map_or(&[], |maps| &maps[..])
+        let Some(maps) = outputs.last_mut() else { return &[] };
+        let pixels = (maps.len() / self.planes).max(1);
+        for (plane, weights) in maps.chunks_exact_mut(pixels).zip(params[self.of_tones()].chunks_exact(TONES)) {
+            let sum: f32 = weights.iter().zip(&tones[..]).map(|(w, tone)| w * tone).sum();
+            plane.iter_mut().for_each(|x| *x += sum);
+        }
+        maps
     }
 
     /// What a layer reads.
@@ -181,11 +209,16 @@ impl MapNetwork {
 
     /// After [`forward`](Self::forward): the gradient with respect to the parameters, from that with respect to the maps.
     pub(super) fn backward(&self, params: &[f32], maps_bar: &[f32], memory: &mut MapMemory) -> Vec<f32> {
-        let MapMemory { inputs, outputs, work } = memory;
+        let MapMemory { inputs, outputs, tones, work } = memory;
         let mut grad = vec![0.0; params.len()];
         let mut bars: Vec<Vec<f32>> = outputs.iter().map(|y| vec![0.0; y.len()]).collect();
         if let Some(last) = bars.last_mut() {
             last.copy_from_slice(maps_bar);
+        }
+        let planes = maps_bar.chunks_exact((maps_bar.len() / self.planes).max(1));
+        for (plane, own) in planes.zip(grad[self.of_tones()].chunks_exact_mut(TONES)) {
+            let bar: f32 = plane.iter().sum();
+            own.iter_mut().zip(&tones[..]).for_each(|(grad, tone)| *grad = bar * tone);
         }
         for (k, layer) in self.layers.iter().enumerate().rev() {
             let mut bar = std::mem::take(&mut bars[k]);
