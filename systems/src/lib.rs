@@ -7,8 +7,8 @@
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
 //!   [`photo_model`] is the interface to the last two. [`networks`]: the driver for networks of the published sizes.
 //! * [`gradients`]: gradients with respect to rays and cameras; `schedule`: where a training is in its schedule.
-//! * [`views`]: the driver of systems of Gaussians; `cloud_motion`: clouds that move; `cloud_appearance`, `cloud_occluders`: clouds
-//!   from photos of many people; `proxy`: a field that is trained before one.
+//! * [`views`]: the driver of systems of Gaussians; `cloud_motion`: clouds that move; `cloud_appearance`, `cloud_maps`, `cloud_occluders`:
+//!   clouds from photos of many people; `proxy`: a field that is trained before one.
 //!   [`splats`]: clouds of Gaussians from files. [`bake`]: any field as a cloud of Gaussians, to look at and to export.
 
 pub mod appearance;
@@ -17,6 +17,7 @@ pub(crate) mod buffers;
 pub mod claims;
 mod cloud_appearance;
 mod cloud_layers;
+mod cloud_maps;
 mod cloud_motion;
 mod cloud_occluders;
 mod codes;

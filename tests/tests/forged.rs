@@ -278,7 +278,11 @@ fn forged_checkpoints_of_photos() {
     let names = ["robust-nerf", "nerf-w", "ha-nerf", "sf-nerf", "hugs"];
     check(&names.map(|name| (name, GRID)), photos, &systems::registry::build, false);
     check(
-        &[("wild-gaussians", &["max_splats=60"]), ("spotless", &["max_splats=60"])],
+        &[
+            ("wild-gaussians", &["max_splats=60"]),
+            ("spotless", &["max_splats=60"]),
+            ("gs-w", &["max_splats=60", "encoder_side=16"]),
+        ],
         photos,
         &systems::registry::build,
         false,

@@ -10,7 +10,7 @@
 pub(crate) mod codes;
 pub mod config;
 pub(crate) mod encoder;
-mod photo_network;
+pub(crate) mod photo_network;
 mod thumbnail;
 mod view_consistency;
 

@@ -97,8 +97,7 @@ impl PhotoNetwork {
         self.encoder.forward(self.simd, network, picture.x, picture.size, acts, code, work).expect(FITS);
         tones.clear();
         for x in picture.x.chunks_exact(picture.size.pixels()) {
-            tones
-                .extend(self.tilts.iter().map(|&tilt| GAIN * (Tilted::new(x, picture.alpha, tilt).mean - usual(tilt))));
+            tones.extend(self.tilts.iter().map(|&tilt| tone(x, picture.alpha, tilt)));
         }
         for (code, weights) in code.iter_mut().zip(weights.chunks_exact(tones.len().max(1))) {
             *code += weights.iter().zip(&tones[..]).map(|(w, tone)| w * tone).sum::<f32>();
@@ -134,6 +133,11 @@ impl PhotoNetwork {
             }
         }
     }
+}
+
+/// The tone of a channel `x` of a photo, -1 to 1, whose pixels have opacities `alpha`: how bright it is at a tilt, about 0.
+pub(crate) fn tone(x: &[f32], alpha: &[f32], tilt: f32) -> f32 {
+    GAIN * (Tilted::new(x, alpha, tilt).mean - usual(tilt))
 }
 
 /// The tone of a photo whose colours are spread evenly.

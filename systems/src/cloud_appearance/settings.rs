@@ -13,13 +13,16 @@ pub(crate) enum CloudAppearance {
     None,
     /// A code for each photo and for each Gaussian, and a network that makes a tone of both.
     Codes,
+    /// Feature maps of a photo, which each Gaussian reads where it is in the photo and where it learnt to, and a network that makes a tone
+    /// of both.
+    Maps,
 }
 
 /// The same, as a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct AppearanceChoice {
-    /// `none` or `codes`.
+    /// `none`, `codes` or `maps`.
     pub(crate) appearance: CloudAppearance,
 }
 

@@ -5,6 +5,7 @@
 //! | `photos`: found by comparing all photos with their renders, from time to time | [`photo_masks`] |
 //! | `residual`: by the structure of one photo and its render, in each step | [`structure`] |
 //! | `errors`, `features`: by errors of one photo, and what errors and features of the last photos say of them | [`spotless`] |
+//! | `visibility`: by the colours of one photo and its render, in each step | [`visibility`] |
 
 mod error_histogram;
 mod feature_network;
@@ -14,9 +15,11 @@ mod settings;
 mod spotless;
 mod structure;
 mod structure_parts;
+mod visibility;
 
 pub(crate) use photo_features::PhotoFeatures;
 pub(crate) use photo_masks::{MaskSettings, PhotoMasks};
 pub(crate) use settings::{CloudOccluders, OccluderChoice};
 pub(crate) use spotless::{ErrorJudge, ErrorMaskSettings, FeatureMaskSettings};
 pub(crate) use structure::{StructureJudge, StructureSettings};
+pub(crate) use visibility::{VisibilityJudge, VisibilitySettings};

@@ -19,12 +19,14 @@ pub(crate) enum CloudOccluders {
     Features,
     /// `features` where photos have them as files, else `errors`.
     Auto,
+    /// Pixels count less the more their colour is off, photo by photo.
+    Visibility,
 }
 
 /// The kind, as a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct OccluderChoice {
-    /// `none`, `photos`, `residual`, `errors`, `features` or `auto`.
+    /// `none`, `photos`, `residual`, `errors`, `features`, `auto` or `visibility`.
     pub(crate) occluders: CloudOccluders,
 }

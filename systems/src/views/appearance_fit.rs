@@ -1,18 +1,21 @@
 //! The appearance of a photo that was not trained on: the code that explains some of its pixels best, the clouds as they are.
 //!
+//! Where the appearance has an encoder, the code is what that makes of the pixels, and nothing is tried.
+//!
 //! The pixels are gathered in a small picture of a pinhole camera, whatever lens their rays came through. Geometry does not depend on
 //! the code, so Gaussians are projected once; a step colours, composites and compares them (WildGaussians, section 3.4).
 
 use super::drawing::{Projections, VisibleCloud};
 use super::driver::Views;
-use super::hooks::OfAppearance;
-use super::photo::view;
+use super::hooks::{OfAppearance, SeenPhoto};
+use super::photo::{over, view};
 use super::planes::{COLOUR, PlaneLayout, add_background};
 use engine::system::{Appearance, Fit};
 use glam::{DMat3, DVec3};
 use losses::dssim::{Dssim, Pair, Target};
 use optim::{Adam, AdamConfig};
 use render_core::camera::{Camera, Pose};
+use scene_io::Image;
 use splat_core::{ProjectedGradient, Raster};
 use std::sync::Arc;
 
@@ -71,14 +74,33 @@ impl Gathered {
     }
 }
 
+/// See [`engine::system::System::encode_appearance`]. What a mask leaves out says nothing; the camera is not known.
+pub(super) fn encode(system: &Views, photo: &Image) -> Option<Vec<f32>> {
+    let part = system.parts.appearance.as_deref()?;
+    let size = [photo.width as usize, photo.height as usize];
+    let pixels = size[0] * size[1];
+    let (mut colour, mut weights) = (vec![0.0; COLOUR * pixels], vec![0.0; pixels]);
+    for i in 0..pixels {
+        let [x, y] = [i % size[0], i / size[0]].map(|n| n as u32);
+        let rgb = over(photo.pixel(x, y), system.parts.background.colour());
+        (0..COLOUR).for_each(|c| colour[c * pixels + i] = rgb[c]);
+        weights[i] = f32::from(u8::from(photo.is_used(x, y)));
+    }
+    part.encode(&SeenPhoto { size, colour: &colour, weights: Some(&weights), view: None })
+}
+
 /// See [`engine::system::System::fit_appearance`].
 pub(super) fn fit(system: &Views, pixels: &Fit<'_>) -> Option<Vec<f32>> {
     let part = system.parts.appearance.as_deref()?;
     let mut code = part.code(&Appearance::Mean);
     let Some(photo) = Gathered::new(pixels) else { return Some(code) };
+    let (view, settings) = (view(&photo.camera, &system.parts.frame), system.parts.pictures.raster());
+    let (colour, weights) = (&photo.colour[..], Some(&photo.weights[..]));
+    if let Some(code) = part.encode(&SeenPhoto { size: view.size, colour, weights, view: Some(&view) }) {
+        return Some(code);
+    }
     let clouds = system.clouds_at(pixels.time);
     let drawn = system.drawn(&clouds);
-    let (view, settings) = (view(&photo.camera, &system.parts.frame), system.parts.pictures.raster());
     let mut projections = Projections::default();
     if projections.project(system.simd, &drawn, &view, &settings).is_err() {
         return Some(code);

@@ -1,6 +1,7 @@
 //! Settings of the driver's parts, each with what it does. Lengths are in *internal* units: the extent of the cameras is 1.
 
 use super::place_codes::PlaceCodes;
+use super::sample_places::SamplePlaces;
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 use splat_core::density::SizeLimit;
@@ -189,19 +190,20 @@ pub(crate) enum RowStart {
     Zero,
     /// The code of the place where it begins.
     Place(PlaceCodes),
+    /// The same, then where it looks in feature maps.
+    PlaceAndSamples(PlaceCodes, SamplePlaces),
 }
 
 impl ExtraRows {
     /// `[rows][n]`, where the Gaussians of a cloud begin.
     pub(super) fn at_start(&self, cloud: &Gaussians) -> Vec<f32> {
-        match self.start {
-            RowStart::Zero => vec![0.0; self.rows * cloud.len()],
-            RowStart::Place(codes) => {
-                let mut rows = codes.rows(cloud);
-                rows.resize(self.rows * cloud.len(), 0.0);
-                rows
-            }
-        }
+        let mut rows = match self.start {
+            RowStart::Zero => Vec::new(),
+            RowStart::Place(codes) => codes.rows(cloud),
+            RowStart::PlaceAndSamples(codes, samples) => [codes.rows(cloud), samples.rows(cloud)].concat(),
+        };
+        rows.resize(self.rows * cloud.len(), 0.0);
+        rows
     }
 }
 

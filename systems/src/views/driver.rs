@@ -7,7 +7,9 @@ use super::config::PictureConfig;
 use super::density_control::ChangeTime;
 use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;
-use super::hooks::{CloudLayers, CloudMotion, ColourAppearance, Front, OfAppearance, RenderJudge, SurveyJudge};
+use super::hooks::{
+    CloudLayers, CloudMotion, ColourAppearance, Front, OfAppearance, RenderJudge, SeenPhoto, SurveyJudge,
+};
 use super::memory::Pictures;
 use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, StepJudge, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
@@ -260,6 +262,12 @@ impl Views {
         camera_gradient: Option<&mut CameraGradient>,
     ) -> Result<Outcome, SystemError> {
         let settings = self.parts.pictures.raster();
+        if let Some(part) = &mut self.parts.appearance {
+            // On the one that photos are encoded on wherever no step is made.
+            let colour = self.target.on(self.parts.background.colour());
+            let photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(view) };
+            part.look_at(step, shown.view, &photo);
+        }
         let step = self.position.of(step);
         let mut seconds = [0.0; PARTS.len()];
         let target =

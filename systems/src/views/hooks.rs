@@ -8,7 +8,7 @@ use crate::photo_model::PhotoAndRender;
 use engine::data::Dataset;
 use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;
-use splat_core::Gaussians;
+use splat_core::{Gaussians, View};
 
 /// Parameters of a part, besides those of the clouds.
 pub(crate) trait Learns: Send + Sync {
@@ -42,10 +42,32 @@ pub(crate) struct ColourBars<'a> {
     pub(crate) extra: &'a mut [f32],
 }
 
+/// A photo as it is encoded.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SeenPhoto<'a> {
+    /// Columns and rows.
+    pub(crate) size: [usize; 2],
+    /// `[3][rows][columns]`, sRGB, on a background.
+    pub(crate) colour: &'a [f32],
+    /// `[rows][columns]`, 0 for pixels that say nothing; `None`: all count.
+    pub(crate) weights: Option<&'a [f32]>,
+    /// The camera that took it, of the clouds' frame; `None`: it is not known.
+    pub(crate) view: Option<&'a View>,
+}
+
 /// Appearance: the colours of Gaussians in the appearance of a photo, and gradients back.
 pub(crate) trait ColourAppearance: Learns {
     /// The code of an appearance.
     fn code(&self, appearance: &Appearance) -> Vec<f32>;
+
+    /// Step `step` is about to compare the photo of a view: what comes before the next [`step`](Learns::step) or
+    /// [`forget`](Learns::forget) in the appearance of that view is of the step.
+    fn look_at(&mut self, _step: u64, _view: usize, _photo: &SeenPhoto<'_>) {}
+
+    /// The code of a photo; `None` where it is to be found by trying.
+    fn encode(&self, _photo: &SeenPhoto<'_>) -> Option<Vec<f32>> {
+        None
+    }
 
     /// Turn the colours of a cloud's visible Gaussians `[visible]`, as spherical harmonics give them, into those that are composited.
     fn forward(&self, appearance: &Appearance, seen: VisibleCloud<'_>, rgb: &mut [[f32; 3]]);
@@ -57,6 +79,16 @@ pub(crate) trait ColourAppearance: Learns {
     /// The gradient with respect to `code` alone, of the same `rgb` as [`forward`](Self::forward) was given with it; `bar` `[visible]`,
     /// with respect to the composited colours, may be written over.
     fn code_bar(&self, code: &[f32], seen: VisibleCloud<'_>, rgb: &[[f32; 3]], bar: &mut [[f32; 3]]) -> Vec<f32>;
+
+    /// Number of those of its parameters that have a gradient for each [`super::memory::CHUNK`] of Gaussians while that is summed.
+    fn shared_parameters(&self) -> usize {
+        self.parameter_count()
+    }
+
+    /// Bytes that it holds besides its parameters, their gradients and moments, and what it holds of each Gaussian.
+    fn bytes(&self) -> usize {
+        0
+    }
 }
 
 /// Colours are turned into those of an appearance.

@@ -67,12 +67,12 @@ impl Pictures {
 /// Gaussian that is seen; colours before and after, and gradients of both; what a network sees of it, forwards and backwards, and its
 /// gradient, one for each [`CHUNK`] of Gaussians, `learnt` numbers at most.
 pub(super) fn toned(gaussians: usize, learnt: usize) -> usize {
-    const NETWORK: usize = 2 * 4 * 32;
+    const NETWORK: usize = 2 * 4 * 64;
     gaussians * (12 * PAIRS + 8 * 12 + NETWORK) + gaussians.div_ceil(CHUNK) * 4 * learnt
 }
 
 /// Gaussians of a network's task.
-const CHUNK: usize = 1024;
+pub(super) const CHUNK: usize = 1024;
 
 /// Whether all copies of photos that are drawn onto a plane are kept: in the memory that decoded photos leave free.
 pub(super) fn keeps_copies(data: &Dataset) -> bool {

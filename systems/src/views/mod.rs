@@ -3,7 +3,7 @@
 //! | part | file |
 //! | --- | --- |
 //! | the frame that clouds are trained in, and where they begin | [`cloud_frame`], [`start`], `visual_hull` |
-//! | parameters of a cloud, extra rows among them, and all that follows them | `cloud`, `place_codes`, `optimiser`, `density_control`, `free_space` |
+//! | parameters of a cloud, extra rows among them, and all that follows them | `cloud`, `place_codes`, `sample_places`, `optimiser`, `density_control`, `free_space` |
 //! | nothing is drawn smaller than what photos show | `smoothing` |
 //! | photos without distortion, and how much their pixels count | `photo`, `undistortion`, `weights` |
 //! | what a picture costs | `terms` |
@@ -52,6 +52,7 @@ mod place_codes;
 mod planes;
 pub(crate) mod refine;
 mod render;
+mod sample_places;
 mod skipped;
 mod smoothing;
 pub mod start;
@@ -78,12 +79,14 @@ pub(crate) use density_config::{
 pub(crate) use drawing::{DrawnCloud, SeenGaussians, VisibleCloud};
 pub(crate) use driver::{PhotoTimes, ViewLayers, ViewParts, Views, refused};
 pub(crate) use hooks::{
-    Beside, CloudLayers, CloudMotion, ColourAppearance, ColourBars, Front, FrontSeen, Learns, RenderJudge, SurveyJudge,
+    Beside, CloudLayers, CloudMotion, ColourAppearance, ColourBars, Front, FrontSeen, Learns, RenderJudge, SeenPhoto,
+    SurveyJudge,
 };
 pub(crate) use pass::{LossParts, Outcome, Pass, PassError, PicturePass, StepCamera, ViewSpaceGradient, squared_error};
 pub(crate) use place_codes::PlaceCodes;
 pub(crate) use planes::{PlaneLayout, RenderedPicture};
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
+pub(crate) use sample_places::SamplePlaces;
 pub(crate) use terms::{L1Dssim, L1DssimConfig, Structure, TargetPicture};
 pub(crate) use undistortion::source;
 pub(crate) use visual_hull::VisualHull;

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use render_core::camera::{Camera, Pose};
 use scene_io::{Image, SceneError};
 use splat_core::View;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Planes that are kept where copies of photos are not.
@@ -23,6 +24,9 @@ pub(super) struct StepTarget {
     pub(super) camera: Camera,
     /// `[3][rows][columns]`, on the step's background.
     pub(super) colour: Vec<f32>,
+    /// `[rows][columns]`, how much of the background is seen; empty where the photo has no alpha.
+    behind: Vec<f32>,
+    background: [f32; 3],
     pub(super) weights: Weights,
 }
 
@@ -38,7 +42,7 @@ pub(super) fn view(camera: &Camera, frame: &CloudFrame) -> View {
 impl Default for StepTarget {
     fn default() -> Self {
         let camera = Camera::pinhole(1, 1, 1.0, 1.0, 0.5, 0.5, Pose::IDENTITY);
-        Self { camera, colour: Vec::new(), weights: Weights::default() }
+        Self { camera, colour: Vec::new(), behind: Vec::new(), background: [0.0; 3], weights: Weights::default() }
     }
 }
 
@@ -60,13 +64,33 @@ impl StepTarget {
                     (r[i], g[i], b[i]) = (rgb[0], rgb[1], rgb[2]);
                 }
             });
+        self.background = background;
+        self.behind.clear();
+        if channels == 4 {
+            self.behind.extend(image.data.chunks_exact(channels).map(|p| 1.0 - f32::from(p[3]) * UNIT));
+        }
         self.weights.begin();
+    }
+
+    /// The colours on another background.
+    pub(super) fn on(&self, background: [f32; 3]) -> Cow<'_, [f32]> {
+        if self.behind.is_empty() || self.background == background {
+            return Cow::Borrowed(&self.colour);
+        }
+        let mut colour = self.colour.clone();
+        for (c, plane) in colour.chunks_exact_mut(self.behind.len()).enumerate() {
+            let other = background[c] - self.background[c];
+            plane.iter_mut().zip(&self.behind).for_each(|(x, behind)| *x += behind * other);
+        }
+        Cow::Owned(colour)
     }
 }
 
+/// One of the values of a byte, as a share.
+const UNIT: f32 = 1.0 / 255.0;
+
 /// A pixel over a background.
-fn over(p: &[u8], background: [f32; 3]) -> [f32; 3] {
-    const UNIT: f32 = 1.0 / 255.0;
+pub(super) fn over(p: &[u8], background: [f32; 3]) -> [f32; 3] {
     match *p {
         [r, g, b, a] => {
             let a = f32::from(a) * UNIT;
@@ -159,6 +183,23 @@ mod tests {
     use crate::plan::made;
     use render_core::camera::Lens;
     use scene_io::{ImageStore, StoreOptions};
+
+    #[test]
+    fn colours_on_another_background_are_those_of_a_photo_that_was_put_on_it() {
+        let camera = Camera::pinhole(2, 1, 1.0, 1.0, 1.0, 0.5, Pose::IDENTITY);
+        let (grey, white) = ([0.5; 3], [1.0; 3]);
+        let photo = Image::rgba(2, 1, vec![10, 20, 30, 255, 100, 150, 200, 51]).unwrap();
+        let [mut on_grey, mut on_white] = [StepTarget::default(), StepTarget::default()];
+        on_grey.fill(&photo, &camera, grey);
+        on_white.fill(&photo, &camera, white);
+        assert!(on_grey.colour != on_white.colour);
+        for (got, want) in on_grey.on(white).iter().zip(&on_white.colour) {
+            assert!((got - want).abs() < 1e-6, "{got} {want}");
+        }
+        // One without alpha covers everything, whatever was there before.
+        on_grey.fill(&Image::rgb(2, 1, vec![9; 6]).unwrap(), &camera, grey);
+        assert_eq!(*on_grey.on(white), on_grey.colour[..]);
+    }
 
     #[test]
     fn copies_that_are_not_kept_are_the_same() {

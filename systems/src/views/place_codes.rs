@@ -46,6 +46,12 @@ impl PlaceCodes {
         codes
     }
 
+    /// A coordinate along an axis: -1 to 1 in the length of the scene, and no further; 0 for what is no number.
+    pub(super) fn within(&self, axis: usize, x: f32) -> f32 {
+        let x = (x - self.centre[axis]) / self.reach[axis];
+        if x.is_nan() { 0.0 } else { x.clamp(-1.0, 1.0) }
+    }
+
     /// Codes of a cloud's Gaussians, `[ROWS][n]`.
     pub(crate) fn rows(&self, cloud: &Gaussians) -> Vec<f32> {
         let n = cloud.len();

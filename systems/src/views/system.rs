@@ -1,6 +1,6 @@
 //! The driver as a [`System`]: rendering, checkpoints, accounts.
 
-use super::appearance_fit::fit;
+use super::appearance_fit::{encode, fit};
 use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::{CloudParameters, joined};
 use super::driver::{Clouds, OWN, Views};
@@ -20,6 +20,7 @@ use optim::NonFiniteGuard;
 use render_core::bounds::{Aabb, robust_box};
 use render_core::camera::{Camera, Pose};
 use render_core::ray::Ray;
+use scene_io::Image;
 use splat_core::Gaussians;
 use std::borrow::Cow;
 
@@ -61,7 +62,7 @@ impl Views {
 
     /// Bytes of `gaussians` Gaussians in an appearance, besides those that all have.
     fn toned_bytes(&self, gaussians: usize) -> usize {
-        let learnt = self.parts.appearance.as_ref().map_or(0, |part| part.parameter_count());
+        let learnt = self.parts.appearance.as_ref().map_or(0, |part| part.shared_parameters());
         memory::toned(gaussians, learnt) + self.sizes.toned_bytes()
     }
 
@@ -155,6 +156,10 @@ impl System for Views {
 
     fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
         self.parts.appearance.as_deref().map(|part| part.code(appearance))
+    }
+
+    fn encode_appearance(&self, photo: &Image) -> Option<Vec<f32>> {
+        encode(self, photo)
     }
 
     fn fit_appearance(&self, pixels: &Fit<'_>) -> Option<Vec<f32>> {
@@ -260,7 +265,8 @@ impl System for Views {
         let copies = if self.parts.motion.is_some() { self.cloud_parameters() * size_of::<f32>() } else { 0 };
         let toned = if self.parts.appearance.is_some() { self.toned_bytes(self.gaussians()) } else { 0 };
         let judge = self.parts.judge.as_ref().map_or(0, |part| part.parameter_count() * LEARNT_BYTES + part.bytes());
-        clouds + copies + toned + (appearance + motion) * LEARNT_BYTES + judge + self.sizes.bytes() + free_space
+        let held = self.parts.appearance.as_ref().map_or(0, |part| part.bytes()) + judge;
+        clouds + copies + toned + held + (appearance + motion) * LEARNT_BYTES + self.sizes.bytes() + free_space
     }
 
     fn growth_bytes(&self) -> usize {

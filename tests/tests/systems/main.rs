@@ -21,5 +21,6 @@ mod spotless;
 mod wild_auto;
 mod wild_clouds;
 mod wild_ha_nerf;
+mod wild_maps;
 mod wild_methods;
 mod wild_mlp;

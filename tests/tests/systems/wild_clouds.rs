@@ -12,7 +12,8 @@ use systems::registry::build;
 use systems::splats::Cloud;
 use tests::{assert_same_bits, state_after, views};
 
-const SIDE: u32 = 48;
+pub(crate) const SIDE: u32 = 48;
+const NAME: &str = "wild-gaussians";
 const SMALL: [&str; 8] = [
     "start=random",
     "start_count=1500",
@@ -24,20 +25,20 @@ const SMALL: [&str; 8] = [
     "horizon=600",
 ];
 
-fn scene(views: usize, kind: PerturbationKind) -> Scene {
+pub(crate) fn scene(views: usize, kind: PerturbationKind) -> Scene {
     let options =
         TabletopOptions { width: SIDE, height: SIDE, train: views, test: 1, rays: 1, ..TabletopOptions::default() };
     perturb(tabletop(&options), kind, 3)
 }
 
-fn system(scene: &Scene, train: &Dataset, set: &[&str]) -> Box<dyn System> {
+pub(crate) fn system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Box<dyn System> {
     let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
     let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
-    build("wild-gaussians", scene, train, &run).unwrap().0
+    build(name, scene, train, &run).unwrap().0
 }
 
-fn trained(scene: &Scene, train: &Dataset, set: &[&str], steps: u64) -> Box<dyn System> {
-    let mut system = system(scene, train, set);
+pub(crate) fn trained(name: &str, scene: &Scene, train: &Dataset, set: &[&str], steps: u64) -> Box<dyn System> {
+    let mut system = system(name, scene, train, set);
     for step in 0..steps {
         system.step(train, step).unwrap();
     }
@@ -55,22 +56,41 @@ fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
             let train = views(&scene, 1).0;
             let often = ["densify_from=1", "densify_every=2", "densify_gradient=1e-6"];
             let set: Vec<&str> = set.iter().copied().chain(often).collect();
-            state_after(system(&scene, &train, &set), &train, steps, state)
+            state_after(system(NAME, &scene, &train, &set), &train, steps, state)
         });
     }
 }
 
 /// Root of the mean square of differences of colours.
-fn off(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
+pub(crate) fn off(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
     let squares = a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b).powi(2));
     (squares.sum::<f32>() / (3 * a.len()) as f32).sqrt()
+}
+
+/// Mean over the training photos of how far renders in their appearances are off.
+pub(crate) fn off_photos(system: &dyn System, train: &Dataset) -> f32 {
+    let one = |view: usize| {
+        let query = Query { appearance: Appearance::View(view), ..plain_query([1.0; 3], 0.0) };
+        off(&render(system, &train.view(view).camera, &query).layers.rgb, &photo(train, view))
+    };
+    (0..train.len()).map(one).sum::<f32>() / train.len() as f32
+}
+
+/// A photo over white.
+pub(crate) fn photo(train: &Dataset, view: usize) -> Vec<[f32; 3]> {
+    let photo = train.image(view).unwrap();
+    let pixels = photo.data.chunks(usize::from(photo.channels)).map(|p| {
+        let alpha = p.get(3).map_or(1.0, |a| f32::from(*a) / 255.0);
+        [0, 1, 2].map(|c| f32::from(p[c]) / 255.0 * alpha + 1.0 - alpha)
+    });
+    pixels.collect()
 }
 
 #[test]
 fn an_appearance_changes_colours_alone_is_found_again_and_baked() {
     let scene = scene(8, PerturbationKind::Colour);
     let train = views(&scene, 1).0;
-    let system = trained(&scene, &train, &["occluders=none", "appearance_dims=4"], 200);
+    let system = trained(NAME, &scene, &train, &["occluders=none", "appearance_dims=4"], 200);
     let camera = train.view(0).camera;
     let query = |appearance| Query { appearance, ..plain_query([1.0; 3], 0.0) };
     let shown = |appearance| render(system.as_ref(), &camera, &query(appearance)).layers;
@@ -117,19 +137,8 @@ fn an_appearance_for_each_photo_is_worth_what_it_costs() {
     let scene = scene(24, PerturbationKind::Colour);
     let train = views(&scene, 1).0;
     let error = |set: &[&str]| {
-        let system = trained(&scene, &train, &[&["occluders=none", "sh_degree=1"], set].concat(), 600);
-        let one = |view: usize| {
-            let query = Query { appearance: Appearance::View(view), ..plain_query([1.0; 3], 0.0) };
-            let rgb = render(system.as_ref(), &train.view(view).camera, &query).layers.rgb;
-            let photo = train.image(view).unwrap();
-            let channels = usize::from(photo.channels);
-            let truth = photo.data.chunks(channels).map(|p| {
-                let alpha = p.get(3).map_or(1.0, |a| f32::from(*a) / 255.0);
-                [0, 1, 2].map(|c| f32::from(p[c]) / 255.0 * alpha + 1.0 - alpha)
-            });
-            off(&rgb, &truth.collect::<Vec<_>>())
-        };
-        (0..train.len()).map(one).sum::<f32>() / train.len() as f32
+        let system = trained(NAME, &scene, &train, &[&["occluders=none", "sh_degree=1"], set].concat(), 600);
+        off_photos(system.as_ref(), &train)
     };
     let (with, without) = (error(&[]), error(&["appearance=none"]));
     println!("with codes {with}, without {without}");
@@ -143,7 +152,7 @@ fn masks_find_what_stands_before_the_scene() {
     let train = views(&scene, 1).0;
     // Structure marks what is not learnt yet, too: thin things in pictures this small.
     for (set, least) in [(&["judge_first=100"][..], 0.5), (&["occluders=residual", "judge_from=0.3"], 0.3)] {
-        let system = trained(&scene, &train, &[&["appearance=none"], set].concat(), 600);
+        let system = trained(NAME, &scene, &train, &[&["appearance=none"], set].concat(), 600);
         let (mut right, mut marked, mut hidden) = (0.0, 0.0, 0.0);
         for view in 0..train.len() {
             let bars = scene.frames[train.view(view).frame].perturbation.as_ref().and_then(|p| p.bars);
@@ -177,7 +186,7 @@ fn a_setting_that_cannot_work_is_named() {
     ] {
         let set = [parse_set(set).unwrap()].into_iter().collect();
         let run = RunOptions { seed: 3, background: None, error_budget: None, stop: None, set };
-        let error = build("wild-gaussians", &scene, &train, &run).err().map(|e| e.to_string());
+        let error = build(NAME, &scene, &train, &run).err().map(|e| e.to_string());
         assert!(error.as_ref().is_some_and(|e| e.contains(word)), "{word}: {error:?}");
     }
 }

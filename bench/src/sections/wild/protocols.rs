@@ -114,6 +114,9 @@ const CLOUD_ALL_SHOWN: Entry = WILD_GAUSSIANS.set("wild-gaussians, no masks", "o
 const SPOTLESS: Entry = Entry::new("spotless");
 const CLOUD_STRUCTURE: Entry = WILD_GAUSSIANS.set("wild-gaussians, masks of structure", "occluders = 'residual'");
 
+const GS_W: Entry = Entry::new("gs-w");
+const GS_W_VISIBILITY: Entry = GS_W.set("gs-w, the paper's map", "occluders = 'visibility'");
+
 /// Every appearance is the same there, or known: whole views count.
 const ONE_APPEARANCE: &[&str] = &["mean"];
 /// The first photo of lego is left as it was.
@@ -148,6 +151,7 @@ const PERTURBED: [Photos; 4] = [
             CLOUD_ONE_APPEARANCE,
             SPOTLESS,
             CLOUD_STRUCTURE,
+            GS_W,
         ],
     },
     Photos {
@@ -162,6 +166,7 @@ const PERTURBED: [Photos; 4] = [
             HA_NERF_A.aims(&[Aim::Share(85.0)]),
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ALL_SHOWN,
+            GS_W,
         ],
     },
     Photos {
@@ -180,6 +185,8 @@ const PERTURBED: [Photos; 4] = [
             CLOUD_ONE_APPEARANCE,
             SPOTLESS,
             CLOUD_ALL_SHOWN,
+            GS_W,
+            GS_W_VISIBILITY,
         ],
     },
 ];
@@ -196,6 +203,7 @@ const EVERYTHING: &[Entry] = &[
     CLOUD_ONE_APPEARANCE,
     SPOTLESS,
     CLOUD_ALL_SHOWN,
+    GS_W,
 ];
 
 const LEGO: Group = Group {
@@ -298,7 +306,7 @@ pub(super) const REAL: &[Group] = &[
             kind: Kind::AsIs,
             split: None,
             appearances: FITTED,
-            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF, WILD_GAUSSIANS],
+            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF, WILD_GAUSSIANS, GS_W],
         }],
     },
     Group {

@@ -2,6 +2,7 @@
 
 pub(crate) mod degauss;
 pub(crate) mod four_d_gaussians;
+pub(crate) mod gs_w;
 mod layers;
 mod photos;
 mod recipe;

@@ -1,15 +1,18 @@
 //! What photos of one place differ in: appearance, and what stands before the scene; the parts of a cloud that know of it.
 
 use crate::cloud_appearance::{AppearanceChoice, CloudAppearance, Tone, ToneSettings};
+use crate::cloud_maps::{FeatureMaps, MapSettings};
 use crate::cloud_occluders::{
     CloudOccluders, ErrorJudge, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, OccluderChoice, PhotoFeatures,
-    PhotoMasks, StructureJudge, StructureSettings,
+    PhotoMasks, StructureJudge, StructureSettings, VisibilityJudge, VisibilitySettings,
 };
 use crate::limits::refuse;
 use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig};
 use crate::occluders::photo_features::{AskedBy, has_features, read_features};
 use crate::settings::Settings;
-use crate::views::{ColourAppearance, ExtraRows, PlaceCodes, RenderJudge, RowStart, Structure, SurveyJudge};
+use crate::views::{
+    ColourAppearance, ExtraRows, PlaceCodes, RenderJudge, RowStart, SamplePlaces, Structure, SurveyJudge,
+};
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::SystemError;
@@ -17,11 +20,15 @@ use scene_io::{Features, Scene};
 use splat_core::Gaussians;
 use std::sync::Arc;
 
+/// Numbers of a photo's code in a field before a cloud that has none.
+const FIELD_CODES: usize = 32;
+
 /// The parts, before a scene asks for anything.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PhotoParts {
     pub(super) appearance: CloudAppearance,
     pub(super) tone: ToneSettings,
+    pub(super) maps: MapSettings,
     /// Degree of the spherical harmonics where there is an appearance: each photo shows the cloud from one side, and colours that
     /// depend on the side could take the place of its tone.
     pub(super) sh_degree: usize,
@@ -32,6 +39,7 @@ pub(super) struct PhotoParts {
     pub(super) judge: StructureSettings,
     pub(super) errors: ErrorMaskSettings,
     pub(super) features: FeatureMaskSettings,
+    pub(super) visibility: VisibilitySettings,
 }
 
 /// What is asked of the photos before settings are.
@@ -56,11 +64,19 @@ impl PhotoParts {
     /// The settings of the parts that are there, after `--set`.
     pub(super) fn asked(&self, seen: Seen, settings: &mut Settings<'_>) -> Result<AskedPhotos, SystemError> {
         let AppearanceChoice { appearance } = settings.of(&AppearanceChoice { appearance: self.appearance })?;
-        let tone = match appearance {
-            CloudAppearance::None => None,
-            CloudAppearance::Codes => Some(settings.of(&self.tone)?),
+        let appearance = match appearance {
+            CloudAppearance::None => AskedAppearance::None,
+            CloudAppearance::Codes => {
+                let tone = settings.of(&self.tone)?;
+                tone.check()?;
+                AskedAppearance::Codes(tone)
+            }
+            CloudAppearance::Maps => {
+                let maps = settings.of(&self.maps)?;
+                maps.check()?;
+                AskedAppearance::Maps(maps)
+            }
         };
-        tone.map_or(Ok(()), |tone| tone.check())?;
         let OccluderChoice { occluders } = settings.of(&OccluderChoice { occluders: self.occluders })?;
         let occluders = match occluders {
             CloudOccluders::None => AskedOccluders::None,
@@ -76,6 +92,11 @@ impl PhotoParts {
                 judge.check()?;
                 AskedOccluders::Residual(judge)
             }
+            CloudOccluders::Visibility => {
+                let judge = settings.of(&self.visibility)?;
+                judge.check()?;
+                AskedOccluders::Visibility(judge)
+            }
             CloudOccluders::Features => self.by_features(settings)?,
             CloudOccluders::Auto if seen.features => self.by_features(settings)?,
             CloudOccluders::Errors | CloudOccluders::Auto => {
@@ -84,7 +105,7 @@ impl PhotoParts {
                 AskedOccluders::Errors(errors)
             }
         };
-        Ok(AskedPhotos { tone, sh_degree: self.sh_degree, structure: self.structure, occluders })
+        Ok(AskedPhotos { appearance, sh_degree: self.sh_degree, structure: self.structure, occluders })
     }
 
     fn by_features(&self, settings: &mut Settings<'_>) -> Result<AskedOccluders, SystemError> {
@@ -96,10 +117,16 @@ impl PhotoParts {
 
 /// Settings after `--set`.
 pub(super) struct AskedPhotos {
-    tone: Option<ToneSettings>,
+    appearance: AskedAppearance,
     sh_degree: usize,
     structure: Structure,
     occluders: AskedOccluders,
+}
+
+enum AskedAppearance {
+    None,
+    Codes(ToneSettings),
+    Maps(MapSettings),
 }
 
 enum AskedOccluders {
@@ -108,38 +135,80 @@ enum AskedOccluders {
     Residual(StructureSettings),
     Errors(ErrorMaskSettings),
     Features(FeatureMaskSettings),
+    Visibility(VisibilitySettings),
 }
 
 /// The parts of a cloud.
 pub(super) struct PhotoKnowledge {
-    place_code_lr: Option<f64>,
+    rows: OwnRows,
     pub(super) structure: Structure,
     pub(super) appearance: Option<Box<dyn ColourAppearance>>,
     pub(super) judge: Option<Box<dyn RenderJudge>>,
     pub(super) surveys: Option<Box<dyn SurveyJudge>>,
 }
 
+/// What each Gaussian has of its own, and its learning rate.
+enum OwnRows {
+    Nothing,
+    Code(f64),
+    /// And places in so many maps, by the seed.
+    CodeAndPlaces(f64, usize, u64),
+}
+
 impl PhotoKnowledge {
-    /// Extra rows of a cloud that begins so: a code for each Gaussian, where there is an appearance.
+    /// Extra rows of a cloud that begins so: a code for each Gaussian where there is an appearance, and where it looks in maps.
     pub(super) fn rows(&self, start: &Gaussians) -> ExtraRows {
-        match self.place_code_lr {
-            None => ExtraRows::default(),
-            Some(rate) => {
-                ExtraRows { rows: PlaceCodes::ROWS, composited: 0, rate, start: RowStart::Place(PlaceCodes::of(start)) }
+        let codes = || PlaceCodes::of(start);
+        let of = |rows, rate, start| ExtraRows { rows, composited: 0, rate, start };
+        match self.rows {
+            OwnRows::Nothing => ExtraRows::default(),
+            OwnRows::Code(rate) => of(PlaceCodes::ROWS, rate, RowStart::Place(codes())),
+            OwnRows::CodeAndPlaces(rate, maps, seed) => {
+                let samples = SamplePlaces::of(start, maps, seed);
+                let rows = PlaceCodes::ROWS + SamplePlaces::rows_of(maps);
+                of(rows, rate, RowStart::PlaceAndSamples(codes(), samples))
             }
         }
     }
 }
 
 impl AskedPhotos {
-    /// Numbers of a photo's code; `None` where all photos have the same appearance.
+    /// Numbers of a photo's code in a field before the cloud; `None` where all photos have the same appearance.
     pub(super) fn codes(&self) -> Option<usize> {
-        self.tone.map(|tone| tone.appearance_dims)
+        match &self.appearance {
+            AskedAppearance::None => None,
+            AskedAppearance::Codes(tone) => Some(tone.appearance_dims),
+            AskedAppearance::Maps(_) => Some(FIELD_CODES),
+        }
     }
 
     /// Degree of the spherical harmonics, where photos differ in appearance.
     pub(super) fn sh_degree(&self) -> Option<usize> {
-        self.tone.map(|_| self.sh_degree)
+        self.has_appearance().then_some(self.sh_degree)
+    }
+
+    fn has_appearance(&self) -> bool {
+        !matches!(self.appearance, AskedAppearance::None)
+    }
+
+    /// What knows of the appearance, and the rows that it reads.
+    fn appearance(
+        &self,
+        photos: usize,
+        horizon: u64,
+        seed: u64,
+    ) -> Result<(OwnRows, Option<Box<dyn ColourAppearance>>), SystemError> {
+        Ok(match self.appearance {
+            AskedAppearance::None => (OwnRows::Nothing, None),
+            AskedAppearance::Codes(tone) => {
+                let part = Tone::new(tone, photos, horizon, seed)?;
+                (OwnRows::Code(tone.place_code_lr), Some(Box::new(part)))
+            }
+            AskedAppearance::Maps(maps) => {
+                let part = FeatureMaps::new(maps, photos, horizon, seed)?;
+                (OwnRows::CodeAndPlaces(maps.place_code_lr, maps.sampled_maps, seed), Some(Box::new(part)))
+            }
+        })
     }
 
     /// The parts, for a schedule of `horizon` steps.
@@ -151,12 +220,12 @@ impl AskedPhotos {
         horizon: u64,
         seed: u64,
     ) -> Result<PhotoKnowledge, SystemError> {
-        let brightness = if self.tone.is_some() { Brightness::Each } else { Brightness::Same };
-        let tone = self.tone.map(|tone| Tone::new(tone, data.len(), horizon, seed)).transpose()?;
+        let brightness = if self.has_appearance() { Brightness::Each } else { Brightness::Same };
+        let (rows, appearance) = self.appearance(data.len(), horizon, seed)?;
         let mut known = PhotoKnowledge {
-            place_code_lr: self.tone.map(|tone| tone.place_code_lr),
-            structure: if tone.is_some() { self.structure } else { Structure::Picture },
-            appearance: tone.map(|tone| Box::new(tone) as Box<dyn ColourAppearance>),
+            rows,
+            structure: if self.has_appearance() { self.structure } else { Structure::Picture },
+            appearance,
             judge: None,
             surveys: None,
         };
@@ -168,6 +237,9 @@ impl AskedPhotos {
             }
             AskedOccluders::Residual(settings) => {
                 known.judge = Some(Box::new(StructureJudge::new(*settings, horizon)));
+            }
+            AskedOccluders::Visibility(settings) => {
+                known.judge = Some(Box::new(VisibilityJudge::new(*settings, horizon)));
             }
             AskedOccluders::Errors(settings) => {
                 known.judge = Some(Box::new(ErrorJudge::of_errors(*settings, horizon, seed)));
@@ -182,11 +254,17 @@ impl AskedPhotos {
 
     /// For people.
     pub(super) fn lines(&self, horizon: u64) -> Vec<String> {
-        let appearance = match &self.tone {
-            None => "appearance: one for all photos".to_owned(),
-            Some(tone) => {
+        let appearance = match &self.appearance {
+            AskedAppearance::None => "appearance: one for all photos".to_owned(),
+            AskedAppearance::Codes(tone) => {
                 format!("appearance: a code of {} numbers for each photo, and for each Gaussian", tone.appearance_dims)
             }
+            AskedAppearance::Maps(maps) => format!(
+                "appearance: {} feature maps of {} pixels a side for each photo, and places in {} of them for each Gaussian",
+                1 + maps.sampled_maps,
+                maps.encoder_side / 2,
+                maps.sampled_maps
+            ),
         };
         let occluders = match &self.occluders {
             AskedOccluders::None => "occluders: none are left out".to_owned(),
@@ -206,6 +284,10 @@ impl AskedPhotos {
             AskedOccluders::Features(_) => {
                 "occluders: a network says by features of the photos what is left out (SLS-mlp)".to_owned()
             }
+            AskedOccluders::Visibility(judge) => format!(
+                "occluders: from step {} of the cloud on, pixels count less the more their colour is off",
+                (judge.judge_from * horizon as f64) as u64
+            ),
         };
         vec![appearance, occluders]
     }

@@ -13,6 +13,7 @@
 //! that no program here runs; which pixels count instead: [`crate::cloud_occluders`]. What differs, and why:
 //! `docs/decisions/0062-clouds-from-photos-of-many-people.md`.
 
+use super::gs_w::{MAPS, VISIBILITY};
 use super::photos::PhotoParts;
 use super::recipe::Recipe;
 use super::splat;
@@ -37,7 +38,7 @@ pub(crate) const CLAIM: Claim = Claim {
 
 /// Released: 32 numbers of a photo's code; 128 units of the network; rates of 1e-3 (photos), 5e-3 (Gaussians) and 5e-4 (network), for
 /// 70 000 to 200 000 steps; a factor of 0.01.
-const TONE: ToneSettings = ToneSettings {
+pub(super) const TONE: ToneSettings = ToneSettings {
     appearance_dims: 32,
     tone_width: 32,
     tone_scale: 0.1,
@@ -47,7 +48,8 @@ const TONE: ToneSettings = ToneSettings {
 };
 
 /// Released: from step 10 000 of 70 000 on, over 1 800 steps.
-const JUDGE: StructureSettings = StructureSettings { judge_from: 0.15, judge_warmup: 0.03, uncertainty_weight: 0.5 };
+pub(super) const JUDGE: StructureSettings =
+    StructureSettings { judge_from: 0.15, judge_warmup: 0.03, uncertainty_weight: 0.5 };
 
 /// Of masks by errors and by features (Sabour et al., "SpotLessSplats", 2024), released: the chance falls to 1/e in 500 of 30 000 steps,
 /// the network learns at 1e-3; here there are a tenth of the steps or fewer.
@@ -58,6 +60,7 @@ const FEATURES: FeatureMaskSettings =
 pub(super) const PHOTOS: PhotoParts = PhotoParts {
     appearance: CloudAppearance::Codes,
     tone: TONE,
+    maps: MAPS,
     sh_degree: 1,
     structure: Structure::Plain,
     occluders: CloudOccluders::Photos,
@@ -65,6 +68,7 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     judge: JUDGE,
     errors: ERRORS,
     features: FEATURES,
+    visibility: VISIBILITY,
 };
 
 static RECIPE: Recipe = Recipe {

@@ -19,9 +19,8 @@ use stress::{Verdict, ensure, finite};
 /// The systems that do something about photos, on fields.
 const METHODS: [&str; 9] =
     ["robust-nerf", "nerf-w", "nerf-a", "nerf-u", "ha-nerf", "ha-nerf-a", "ha-nerf-t", "sf-nerf", "hugs"];
-/// The one that is a cloud with an appearance for each photo, and the one with one for all.
-const CLOUD: &str = "wild-gaussians";
-const STILL_CLOUD: &str = "spotless";
+/// Those that are clouds: with an appearance for each photo, and with one for all.
+const CLOUDS: [&str; 3] = ["wild-gaussians", "gs-w", "spotless"];
 /// A cloud with few Gaussians, that come and go.
 const TINY_CLOUD: [&str; 6] =
     ["start=random", "start_count=200", "max_splats=400", "densify_from=1", "densify_every=2", "horizon=6"];
@@ -30,12 +29,14 @@ const TINY_CLOUD: [&str; 6] =
 fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
     let chosen = |key: &str| set.iter().rev().find_map(|s| s.strip_prefix(key)?.strip_prefix('='));
     let appearance = chosen("appearance").unwrap_or(match name {
-        "nerf-w" | "nerf-a" | "sf-nerf" | CLOUD => "codes",
+        "nerf-w" | "nerf-a" | "sf-nerf" | "wild-gaussians" => "codes",
+        "gs-w" => "maps",
         "ha-nerf" | "ha-nerf-a" => "encoder",
         _ => "none",
     });
     let mut small = match appearance {
         "codes" => vec!["appearance_dims=3"],
+        "maps" => vec!["encoder_side=16", "map_channels=2", "tone_width=4"],
         "encoder" => vec![
             "appearance_dims=3",
             "view_every=1",
@@ -48,8 +49,11 @@ fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
     };
     let of_occluders: &[&str] = match name {
         "robust-nerf" => &["judge_first=2"],
-        CLOUD if chosen("occluders").is_none() => &["judge_first=2"],
-        CLOUD if chosen("occluders") == Some("residual") => &["judge_from=0.2"],
+        _ if CLOUDS.contains(&name) => match chosen("occluders") {
+            None => &["judge_first=2"],
+            Some("residual" | "visibility") => &["judge_from=0.2"],
+            Some(_) => &[],
+        },
         "hugs" => &["warmup_steps=2", "superpixels=9"],
         "nerf-w" | "nerf-u" => &["transient_dims=4"],
         "ha-nerf" | "ha-nerf-t" => &["visibility_width=8", "visibility_depth=1", "visibility_dims=4"],
@@ -65,7 +69,7 @@ const STEPS: u64 = 5;
 /// Build a system with settings written as on the command line, `field=mlp` among them; later ones win.
 fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
     let field: &[&str] = match name {
-        CLOUD | STILL_CLOUD => &TINY_CLOUD,
+        _ if CLOUDS.contains(&name) => &TINY_CLOUD,
         _ if set.contains(&"field=mlp") => &TINY_NERF,
         _ => &TINY_NGP,
     };

@@ -1,6 +1,6 @@
 //! Photos that say little, or nothing, or of which some lack what others have.
 
-use super::{CLOUD, METHODS, STEPS, STILL_CLOUD, build, trains};
+use super::{CLOUDS, METHODS, STEPS, build, trains};
 use crate::common::{dataset, pictures, says, tiny_scene};
 use glam::DVec3;
 use scene_io::{Image, ImageSource, LayoutHint, PerturbationKind, Point, Scene, TrackPoint, perturb};
@@ -142,7 +142,7 @@ fn of_system<'a>(name: &str, set: &[&'a str]) -> Vec<&'a str> {
 pub(crate) fn cases(tally: &mut Tally) {
     for Case { what, scene, set, refuse } in all() {
         let data = dataset(&scene);
-        for name in ["robust-nerf", "nerf-w", "ha-nerf", "ha-nerf-t", "sf-nerf", "hugs", CLOUD, STILL_CLOUD] {
+        for name in ["robust-nerf", "nerf-w", "ha-nerf", "ha-nerf-t", "sf-nerf", "hugs"].into_iter().chain(CLOUDS) {
             tally.case(
                 format!("{name}, {what}"),
                 "trains, everything finite, or one line that says why not",
@@ -173,7 +173,7 @@ pub(crate) fn cases(tally: &mut Tally) {
     tally.case("no photo at all", "no panic, everything finite, or one error", || {
         let scene = tiny_scene(0, 0.82);
         let data = dataset(&scene);
-        for name in METHODS.into_iter().chain(["auto", CLOUD, STILL_CLOUD]) {
+        for name in METHODS.into_iter().chain(["auto"]).chain(CLOUDS) {
             match build(name, &scene, &data, &[]) {
                 Ok(mut system) => trains(system.as_mut(), &data, STEPS)?,
                 Err(e) => says(&e, &[])?,

@@ -76,6 +76,14 @@ const ACCEPTED: [(&str, &str); 11] = [
         "chance_fade=0.0 chance_fade=1.0 inlier_share=0.0 inlier_share=1.0 inlier_share=0.0+chance_fade=0.0
         occluders=none occluders=photos occluders=residual appearance=codes dssim=0.2 opacity_decay=0.9",
     ),
+    (
+        "gs-w",
+        "appearance=none appearance=codes occluders=none occluders=visibility encoder_side=16 encoder_side=512
+        sampled_maps=0 sampled_maps=4 map_channels=1 map_channels=64 tone_width=1 tone_width=512 tone_scale=1e-38
+        tone_scale=1000.0 sample_weight=0.0 sample_weight=1000.0 place_code_lr=0.0 place_code_lr=1000.0 tone_lr=1e-38
+        tone_lr=1000.0 encoder_lr=1e-38 encoder_lr=0.1 occluders=visibility+judge_from=0.0
+        occluders=visibility+visibility_weight=1e-38 occluders=visibility+visibility_weight=3e38",
+    ),
 ];
 
 /// Likewise on the published networks.

@@ -1,0 +1,161 @@
+//! The reference photo: made small and square, with the camera that took it; and the code of an appearance.
+
+use super::settings::MapSettings;
+use crate::buffers::shapes_hold;
+use crate::views::SeenPhoto;
+use field_core::conv::{Extent, Size, adaptive_mean};
+use splat_core::View;
+
+/// Numbers of a camera.
+pub(super) const CAMERA: usize = 12;
+/// Smallest part of a photo, along each side.
+const SMALLEST_PART: f32 = 0.5;
+
+/// A photo as it is encoded.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Reference {
+    /// `[3][side][side]`, `2 srgb - 1`: the means of rectangles. Grey (0) where pixels do not count.
+    pub(super) pixels: Vec<f32>,
+    /// The camera: see [`camera_rows`]. All 0 where it is not known.
+    pub(super) camera: [f32; CAMERA],
+}
+
+/// What a camera makes of a point `p` of the clouds' frame: three rows `a b c d`, each `a x + b y + c z + d`. The third is the depth; the
+/// first two divided by it are the place on the photo, 0 to 1 along each side.
+pub(super) fn camera_rows(view: &View) -> [f32; CAMERA] {
+    let mut rows = [0.0; CAMERA];
+    let row = |i: usize| [view.r[i][0], view.r[i][1], view.r[i][2], view.t[i]];
+    let depth = row(2);
+    for axis in 0..2 {
+        let pixels = view.size[axis].max(1) as f32;
+        let own = row(axis);
+        for k in 0..4 {
+            rows[4 * axis + k] = (view.f[axis] * own[k] + view.c[axis] * depth[k]) / pixels;
+        }
+    }
+    rows[8..].copy_from_slice(&depth);
+    rows
+}
+
+/// A part of a photo: its first and its last column, then row, the last not included.
+type Part = [[usize; 2]; 2];
+
+impl Reference {
+    /// All of a photo; `None` where there is no pixel.
+    pub(super) fn of(photo: &SeenPhoto<'_>, side: usize) -> Option<Self> {
+        Self::of_part(photo, side, photo.size.map(|n| [0, n]))
+    }
+
+    /// A part of a photo: of each side a half or more, `u` uniform numbers for its size and place.
+    pub(super) fn of_some_part(photo: &SeenPhoto<'_>, side: usize, u: [f32; 4]) -> Option<Self> {
+        let cut = |n: usize, size: f32, at: f32| {
+            let share = SMALLEST_PART + (1.0 - SMALLEST_PART) * size;
+            let part = ((n as f32 * share) as usize).clamp(1.min(n), n);
+            let first = (((n - part + 1) as f32 * at) as usize).min(n - part);
+            [first, first + part]
+        };
+        Self::of_part(photo, side, [cut(photo.size[0], u[0], u[1]), cut(photo.size[1], u[2], u[3])])
+    }
+
+    fn of_part(photo: &SeenPhoto<'_>, side: usize, part: Part) -> Option<Self> {
+        let [width, height] = part.map(|[first, end]| end - first);
+        if width == 0 || height == 0 {
+            return None;
+        }
+        let all = photo.size[0] * photo.size[1];
+        let size = Size::one(height, width);
+        let places = (part[1][0]..part[1][1]).flat_map(|y| (part[0][0]..part[0][1]).map(move |x| [x, y]));
+        let places: Vec<usize> = places.map(|[x, y]| y * photo.size[0] + x).collect();
+        let counts = |i: usize| photo.weights.is_none_or(|weights| weights[i] > 0.0);
+        let around = |x: f32| if x.is_finite() { 2.0 * x.clamp(0.0, 1.0) - 1.0 } else { 0.0 };
+        let planes = photo.colour.chunks_exact(all).take(3);
+        let colours: Vec<f32> =
+            planes.flat_map(|plane| places.iter().map(|&i| if counts(i) { around(plane[i]) } else { 0.0 })).collect();
+        let mut pixels = vec![0.0; 3 * side * side];
+        shapes_hold(adaptive_mean(&colours, 3, size, Extent::new(side, side), &mut pixels));
+        let mut camera = photo.view.map_or([0.0; CAMERA], camera_rows);
+        for (axis, [first, end]) in part.into_iter().enumerate() {
+            let [first, end] = [first, end].map(|x| x as f32 / photo.size[axis] as f32);
+            for k in 0..4 {
+                camera[4 * axis + k] = (camera[4 * axis + k] - first * camera[8 + k]) / (end - first);
+            }
+        }
+        Some(Self { pixels, camera })
+    }
+}
+
+/// The numbers of an appearance: `[maps][channels][map_side][map_side]`, then the camera.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Code<'a> {
+    pub(super) maps: &'a [f32],
+    pub(super) camera: [f32; CAMERA],
+}
+
+impl<'a> Code<'a> {
+    /// # Panics
+    /// For a code of another length: it is of another system.
+    pub(super) fn new(settings: &MapSettings, code: &'a [f32]) -> Self {
+        assert_eq!(code.len(), settings.map_numbers() + CAMERA, "a code has as many numbers as those of the photos");
+        let (maps, rows) = code.split_at(settings.map_numbers());
+        let mut camera = [0.0; CAMERA];
+        camera.copy_from_slice(rows);
+        Self { maps, camera }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: [usize; 2] = [12, 8];
+
+    fn view() -> View {
+        let turned = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]];
+        View { r: turned, t: [0.1, -0.2, 3.0], f: [11.0, 10.0], c: [6.5, 3.5], size: SIZE }
+    }
+
+    fn place(camera: &[f32; CAMERA], p: [f32; 3]) -> [f32; 3] {
+        let row = |k: usize| camera[k] * p[0] + camera[k + 1] * p[1] + camera[k + 2] * p[2] + camera[k + 3];
+        [row(0) / row(8), row(4) / row(8), row(8)]
+    }
+
+    #[test]
+    fn rows_of_a_camera_project_as_the_camera_does() {
+        let (view, p) = (view(), [0.3, -0.1, 0.5]);
+        let rows = camera_rows(&view);
+        let x: Vec<f32> = (0..3).map(|i| (0..3).map(|k| view.r[i][k] * p[k]).sum::<f32>() + view.t[i]).collect();
+        let want = [(11.0 * x[0] / x[2] + 6.5) / 12.0, (10.0 * x[1] / x[2] + 3.5) / 8.0, x[2]];
+        let got = place(&rows, p);
+        assert!(got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-5), "{got:?} {want:?}");
+    }
+
+    #[test]
+    fn a_part_is_seen_by_a_camera_of_its_own() {
+        let view = view();
+        let colour: Vec<f32> = (0..3 * 96).map(|i| (i % 12) as f32 / 12.0).collect();
+        let photo = SeenPhoto { size: SIZE, colour: &colour, weights: None, view: Some(&view) };
+        let part = Reference::of_part(&photo, 4, [[6, 12], [2, 6]]).unwrap();
+        // Its columns 6 to 11, as they are; the mean of one and a half of them each.
+        let shown: Vec<f32> = part.pixels[..4].iter().map(|x| 12.0 * (x + 1.0) / 2.0).collect();
+        assert!((shown[0] - 6.5).abs() < 1e-4 && (shown[3] - 10.5).abs() < 1e-4, "{shown:?}");
+        let p = [0.5, 0.1, 0.2];
+        let ([u, v, _], [x, y, _]) = (place(&camera_rows(&view), p), place(&part.camera, p));
+        assert!((x - (u * 12.0 - 6.0) / 6.0).abs() < 1e-5 && (y - (v * 8.0 - 2.0) / 4.0).abs() < 1e-5);
+        for u in [[0.0; 4], [0.999; 4], [0.5, 0.0, 0.2, 0.9]] {
+            let some = Reference::of_some_part(&photo, 4, u).unwrap();
+            assert!(some.pixels.iter().all(|x| (-1.0..=1.0).contains(x)));
+        }
+    }
+
+    #[test]
+    fn small_photos_what_does_not_count_and_what_is_no_number() {
+        let colour = [1.0, 0.0, f32::NAN];
+        let one = SeenPhoto { size: [1, 1], colour: &colour, weights: None, view: None };
+        let small = Reference::of(&one, 16).unwrap();
+        assert_eq!(small.pixels, [[1.0; 256], [-1.0; 256], [0.0; 256]].concat());
+        assert_eq!(small.camera, [0.0; CAMERA]);
+        let none = SeenPhoto { weights: Some(&[0.0]), ..one };
+        assert!(Reference::of(&none, 16).unwrap().pixels.iter().all(|x| *x == 0.0));
+        assert!(Reference::of(&SeenPhoto { size: [0, 4], colour: &[], ..one }, 16).is_none());
+    }
+}

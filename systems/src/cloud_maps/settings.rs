@@ -1,0 +1,79 @@
+//! Settings of the appearance from a reference photo.
+
+use crate::views::{SamplePlaces, first_of, not_negative, positive, unless};
+use engine::system::SystemError;
+use serde::{Deserialize, Serialize};
+
+/// Feature maps of a photo, and a tone for each Gaussian from them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MapSettings {
+    /// Side of the square that a photo is made before it is encoded, pixels; maps are half as wide.
+    pub(crate) encoder_side: usize,
+    /// Feature maps in which each Gaussian has a place of its own, besides the one that it is projected into.
+    pub(crate) sampled_maps: usize,
+    /// Numbers of a pixel of a map.
+    pub(crate) map_channels: usize,
+    /// Units of each of the two layers of the network of tones.
+    pub(crate) tone_width: usize,
+    /// Factor of what the network gives: how fast a tone leaves that of the cloud.
+    pub(crate) tone_scale: f32,
+    /// Weight of what places outside of the maps cost.
+    pub(crate) sample_weight: f32,
+    /// Learning rate of what each Gaussian is, and of its places in the maps; it fades as those of the cloud do.
+    pub(crate) place_code_lr: f64,
+    /// Learning rate of the network of tones; of this and the encoder's a tenth is left at the end of the schedule.
+    pub(crate) tone_lr: f64,
+    /// Learning rate of the network that makes the maps.
+    pub(crate) encoder_lr: f64,
+}
+
+/// Photos of a side are halved this often.
+pub(super) const HALVINGS: u32 = 4;
+/// Photos larger, maps deeper, and networks wider than these are a mistake.
+const MOST_SIDE: usize = 512;
+const MOST_CHANNELS: usize = 64;
+const MOST_WIDTH: usize = 512;
+
+impl MapSettings {
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        let (side, channels, width) = (self.encoder_side, self.map_channels, self.tone_width);
+        let is_side = (1..=MOST_SIDE).contains(&side) && side.is_multiple_of(1 << HALVINGS);
+        // Its layers multiply each other: with more, maps have no bounds.
+        let is_rate = self.encoder_lr > 0.0 && self.encoder_lr <= 0.1;
+        let (maps, most) = (self.sampled_maps, SamplePlaces::MOST);
+        first_of([
+            unless(is_side, "encoder_side", side, "must be a multiple of 16, 16 to 512"),
+            unless(maps <= most, "sampled_maps", maps, "must be 0 to 4"),
+            unless((1..=MOST_CHANNELS).contains(&channels), "map_channels", channels, "must be 1 to 64"),
+            unless((1..=MOST_WIDTH).contains(&width), "tone_width", width, "must be 1 to 512"),
+            positive("tone_scale", self.tone_scale.into()),
+            not_negative("sample_weight", self.sample_weight.into()),
+            not_negative("place_code_lr", self.place_code_lr),
+            positive("tone_lr", self.tone_lr),
+            unless(is_rate, "encoder_lr", self.encoder_lr, "must be above 0, and at most 0.1"),
+        ])
+    }
+
+    /// What is left of a rate at a share of the schedule, from 0 to 1: a tenth at its end.
+    pub(super) fn left(share: f64) -> f64 {
+        0.1_f64.powf(share.clamp(0.0, 1.0))
+    }
+
+    /// Maps of a photo: the one that Gaussians are projected into, then those in which they have places.
+    pub(super) fn maps(&self) -> usize {
+        1 + self.sampled_maps
+    }
+
+    /// Pixels along a side of a map.
+    pub(super) fn map_side(&self) -> usize {
+        self.encoder_side / 2
+    }
+
+    /// Numbers of all maps.
+    pub(super) fn map_numbers(&self) -> usize {
+        self.maps() * self.map_channels * self.map_side() * self.map_side()
+    }
+}

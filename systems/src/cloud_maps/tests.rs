@@ -1,0 +1,302 @@
+//! Appearance from a reference photo against its definition in `f64`.
+
+use super::reference::{CAMERA, camera_rows};
+use super::sampling::{Tap, Texels};
+use super::*;
+use crate::views::{ColourAppearance, ColourBars, DrawnCloud, PlaceCodes, SamplePlaces, VisibleCloud};
+use engine::system::Appearance;
+use field_core::rng::Rng;
+use splat_core::{Gaussians, ProjectedGaussian, View};
+use std::sync::Arc;
+use testkit::gradient::central_difference;
+use testkit::reference::network::{Bias, Network};
+
+const N: usize = 7;
+pub(super) const PHOTOS: usize = 4;
+pub(super) const HORIZON: u64 = 200;
+const CHANNELS: usize = 2;
+const WIDTH: usize = 5;
+const SAMPLED: usize = 2;
+const MAP: usize = 8;
+const SCALE: f32 = 0.7;
+
+pub(super) const SETTINGS: MapSettings = MapSettings {
+    encoder_side: 2 * MAP,
+    sampled_maps: SAMPLED,
+    map_channels: CHANNELS,
+    tone_width: WIDTH,
+    tone_scale: SCALE,
+    sample_weight: 0.0,
+    place_code_lr: 0.01,
+    tone_lr: 0.01,
+    encoder_lr: 3e-3,
+};
+
+fn maps(settings: MapSettings) -> FeatureMaps {
+    let mut maps = FeatureMaps::new(settings, PHOTOS, HORIZON, 3).unwrap();
+    let mut params = vec![0.0; maps.tone_parameters().len()];
+    Rng::new(8, 1).fill_uniform(0, &mut params);
+    params.iter_mut().for_each(|p| *p = 1.4 * (*p - 0.45));
+    maps.set_tone_parameters(params);
+    maps
+}
+
+/// Gaussians within a unit of the origin, but the last, which is behind the camera of [`view`].
+pub(super) fn cloud() -> Gaussians {
+    let mut cloud = Gaussians::new(N, 1).unwrap();
+    for (k, (_, values)) in (0..).zip(cloud.fields_mut()) {
+        Rng::new(2, k).fill_uniform(0, values);
+        values.iter_mut().for_each(|x| *x -= 0.5);
+    }
+    cloud.mean[2 * N + N - 1] = -9.0;
+    // Far to the side.
+    cloud.mean[N - 2] = 8.0;
+    cloud
+}
+
+/// Two units before the origin, looking at it.
+pub(super) fn view() -> View {
+    View { t: [0.02, -0.03, 2.0], c: [20.4, 14.7], f: [44.0, 43.0], ..View::at_origin([40, 30]) }
+}
+
+pub(super) fn extra(cloud: &Gaussians) -> Vec<f32> {
+    [PlaceCodes::of(cloud).rows(cloud), SamplePlaces::of(cloud, SAMPLED, 4).rows(cloud)].concat()
+}
+
+pub(super) fn seen<'a>(
+    gaussians: &'a Gaussians,
+    extra: &'a [f32],
+    visible: &'a [ProjectedGaussian],
+) -> VisibleCloud<'a> {
+    let cloud = DrawnCloud { index: 0, gaussians, extra, composited: 0, degree: 1 };
+    VisibleCloud { cloud, gaussians: visible }
+}
+
+/// All but the second Gaussian, from the last to the first.
+pub(super) fn visible() -> Vec<ProjectedGaussian> {
+    let index = (0..N as u32).rev().filter(|i| *i != 1);
+    index.map(|index| ProjectedGaussian { index, ..ProjectedGaussian::default() }).collect()
+}
+
+pub(super) fn colours(stream: u64) -> Vec<[f32; 3]> {
+    let rng = Rng::new(11, stream);
+    (0..N as u64 - 1).map(|i| rng.uniform4_at(i)).map(|u| [u[0], u[1], u[2]]).collect()
+}
+
+fn wide(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|&x| f64::from(x)).collect()
+}
+
+/// A code of random maps, and the camera of [`view`].
+pub(super) fn code() -> Vec<f32> {
+    let mut code = vec![0.0; SETTINGS.map_numbers()];
+    Rng::new(6, 0).fill_uniform(0, &mut code);
+    code.extend(camera_rows(&view()));
+    code
+}
+
+/// Between pixel centres, the border's value beyond them: plainly.
+fn bilinear(map: &[f64], x: f64, y: f64) -> f64 {
+    let [x, y] = [x, y].map(|x| x.clamp(0.0, MAP as f64 - 1.0));
+    let weight = |i: usize, x: f64| (1.0 - (x - i as f64).abs()).max(0.0);
+    (0..MAP * MAP).map(|i| map[i] * weight(i % MAP, x) * weight(i / MAP, y)).sum()
+}
+
+/// Everything that a toned colour depends on, in `f64`.
+#[derive(Clone)]
+struct Twin {
+    network: Vec<f64>,
+    code: Vec<f64>,
+    /// `[3][n]`, `[ROWS][n]`.
+    base: Vec<f64>,
+    extra: Vec<f64>,
+    rgb: Vec<f64>,
+}
+
+impl Twin {
+    /// Features of Gaussian `i`, map by map.
+    fn features(&self, i: usize) -> Vec<f64> {
+        let (cloud, view) = (cloud(), view());
+        let p = [0, 1, 2].map(|k| f64::from(cloud.mean[k * N + i]) + f64::from(view.t[k]));
+        let uv = [0, 1].map(|k| f64::from(view.f[k]) * p[k] / p[2] + f64::from(view.c[k]));
+        let is_inside = p[2] > 0.0 && uv[0] >= 0.0 && uv[0] <= 40.0 && uv[1] >= 0.0 && uv[1] <= 30.0;
+        let pixel = |x: f64| x * MAP as f64 - 0.5;
+        let mut out = Vec::new();
+        for (plane, map) in self.code[..SETTINGS.map_numbers()].chunks_exact(MAP * MAP).enumerate() {
+            out.push(match plane / CHANNELS {
+                0 if is_inside => bilinear(map, pixel(uv[0] / 40.0), pixel(uv[1] / 30.0)),
+                0 => 0.0,
+                k => {
+                    let row = PlaceCodes::ROWS + 2 * (k - 1);
+                    let at = [row, row + 1].map(|row| pixel(0.5 * (self.extra[row * N + i] + 1.0)));
+                    bilinear(map, at[0], at[1])
+                }
+            });
+        }
+        out
+    }
+
+    fn toned(&self) -> Vec<f64> {
+        let inputs = 3 + PlaceCodes::ROWS + (1 + SAMPLED) * CHANNELS;
+        let network = Network { widths: &[inputs, WIDTH, WIDTH, 6], skips: &[], bias: Bias::Each };
+        assert_eq!(self.network.len(), network.param_count());
+        let mut out = Vec::new();
+        for (k, gaussian) in visible().iter().enumerate() {
+            let i = gaussian.index as usize;
+            let mut x: Vec<f64> = (0..3).map(|c| self.base[c * N + i]).collect();
+            x.extend((0..PlaceCodes::ROWS).map(|row| self.extra[row * N + i]));
+            x.extend(self.features(i));
+            let y = network.forward(&self.network, &x);
+            let scale = f64::from(SCALE);
+            out.extend((0..3).map(|c| (1.0 + scale * y[3 + c]) * self.rgb[3 * k + c] + scale * y[c]));
+        }
+        out
+    }
+
+    fn value(&self, weights: &[[f32; 3]]) -> f64 {
+        self.toned().iter().zip(weights.as_flattened()).map(|(x, w)| x * f64::from(*w)).sum()
+    }
+}
+
+/// Largest difference between gradients and differences of the twin, relative to the largest gradient.
+fn worst(twin: &Twin, weights: &[[f32; 3]], got: &[f32], part: impl Fn(&mut Twin) -> &mut [f64]) -> f64 {
+    let want = central_difference(part(&mut twin.clone()), |values| {
+        let mut at = twin.clone();
+        part(&mut at).copy_from_slice(values);
+        at.value(weights)
+    });
+    assert_eq!(want.len(), got.len());
+    let largest = want.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    assert!(largest > 1e-3, "nothing depends on it");
+    want.iter().zip(got).map(|(want, got)| (want - f64::from(*got)).abs() / largest).fold(0.0, f64::max)
+}
+
+#[test]
+fn colours_and_their_gradients_are_those_of_the_definition() {
+    let (mut maps, cloud, visible) = (maps(SETTINGS), cloud(), visible());
+    let (extra, code) = (extra(&cloud), code());
+    let seen = seen(&cloud, &extra, &visible);
+    let appearance = Appearance::Code(Arc::from(&code[..]));
+    let (rgb, weights) = (colours(1), colours(2));
+    let twin = Twin {
+        network: wide(maps.tone_parameters()),
+        code: wide(&code),
+        base: wide(&cloud.dc),
+        extra: wide(&extra),
+        rgb: wide(rgb.as_flattened()),
+    };
+    let features = |i: usize| twin.features(i)[..CHANNELS].to_vec();
+    assert!(features(0).iter().all(|f| *f > 0.0), "the first is in the photo");
+    assert_eq!([features(N - 1), features(N - 2)].concat(), [0.0; 2 * CHANNELS], "behind it, and beside it");
+    let mut toned = rgb.clone();
+    maps.forward(&appearance, seen, &mut toned);
+    for (got, want) in toned.as_flattened().iter().zip(twin.toned()) {
+        assert!((f64::from(*got) - want).abs() < 1e-5, "{got} {want}");
+    }
+    let mut bar = weights.clone();
+    let (mut base, mut extra_bar) = (vec![[0.0; 3]; visible.len()], vec![0.0; extra.len()]);
+    let bars = ColourBars { rgb: &mut bar, base: &mut base, extra: &mut extra_bar };
+    maps.backward(&appearance, seen, &rgb, bars);
+    let mut base_bar = vec![0.0; 3 * N];
+    for (gaussian, base) in visible.iter().zip(&base) {
+        (0..3).for_each(|c| base_bar[c * N + gaussian.index as usize] = base[c]);
+    }
+    let (network_bar, maps_bar) = maps.gradients();
+    let coordinates = PlaceCodes::ROWS * N;
+    for (name, error) in [
+        ("colours", worst(&twin, &weights, bar.as_flattened(), |twin| &mut twin.rgb)),
+        ("base", worst(&twin, &weights, &base_bar, |twin| &mut twin.base)),
+        ("codes", worst(&twin, &weights, &extra_bar[..coordinates], |twin| &mut twin.extra[..coordinates])),
+        ("coordinates", worst(&twin, &weights, &extra_bar[coordinates..], |twin| &mut twin.extra[coordinates..])),
+        ("maps", worst(&twin, &weights, &maps_bar, |twin| &mut twin.code[..SETTINGS.map_numbers()])),
+        ("network", worst(&twin, &weights, &network_bar, |twin| &mut twin.network)),
+    ] {
+        assert!(error < 1e-4, "{name}: {error}");
+    }
+    let alone = maps.code_bar(&code, seen, &rgb, &mut weights.clone());
+    assert_eq!((&alone[..maps_bar.len()], &alone[maps_bar.len()..]), (&maps_bar[..], &[0.0; CAMERA][..]));
+}
+
+#[test]
+fn maps_are_read_linearly_and_hold_beyond_their_border() {
+    let code = code();
+    let texels = Texels::new(&SETTINGS, &super::reference::Code::new(&SETTINGS, &code));
+    let read = |map: usize, at: [f32; 2]| {
+        let mut out = [0.0; CHANNELS];
+        texels.sample(map, &Tap::at_coordinates(at, MAP), |c, x| out[c] = x);
+        out
+    };
+    let planes: Vec<Vec<f64>> = code[..SETTINGS.map_numbers()].chunks_exact(MAP * MAP).map(wide).collect();
+    let rng = Rng::new(9, 9);
+    for k in 0..200 {
+        let [x, y, ..] = rng.uniform4_at(k).map(|u| 2.6 * u - 1.3);
+        for map in 0..=SAMPLED {
+            for (c, got) in read(map, [x, y]).into_iter().enumerate() {
+                let pixel = |x: f32| 0.5 * (f64::from(x) + 1.0) * MAP as f64 - 0.5;
+                let want = bilinear(&planes[map * CHANNELS + c], pixel(x), pixel(y));
+                assert!((f64::from(got) - want).abs() < 1e-5, "{map} {x} {y}: {got} {want}");
+            }
+        }
+    }
+    assert_eq!(read(1, [-7.0, f32::NEG_INFINITY]), read(1, [-1.0, -1.0]));
+    assert_eq!(read(1, [7.0, f32::INFINITY]), read(1, [1.0, 1.0]));
+    assert!(read(1, [f32::NAN, 0.3]).iter().all(|x| x.is_finite()));
+    // A camera that is not known shows nothing; one that sees nothing but what is no number does so as well.
+    assert_eq!(Tap::projected(&[0.0; CAMERA], [0.1; 3], MAP), None);
+    assert_eq!(Tap::projected(&camera_rows(&view()), [f32::NAN; 3], MAP), None);
+}
+
+#[test]
+fn places_beyond_the_borders_are_brought_back() {
+    let mut maps = maps(MapSettings { sample_weight: 0.3, ..SETTINGS });
+    let (cloud, visible, code) = (cloud(), visible(), code());
+    let mut extra = extra(&cloud);
+    let first = PlaceCodes::ROWS * N;
+    (extra[first], extra[first + 1], extra[first + 2]) = (1.5, -1.2, 0.99);
+    let (mut base, mut bar) = (vec![[0.0; 3]; visible.len()], vec![0.0; extra.len()]);
+    let mut zero = vec![[0.0; 3]; visible.len()];
+    let bars = ColourBars { rgb: &mut zero, base: &mut base, extra: &mut bar };
+    let appearance = Appearance::Code(Arc::from(&code[..]));
+    maps.backward(&appearance, seen(&cloud, &extra, &visible), &colours(1), bars);
+    let each = 0.3 / (2 * SAMPLED * N) as f32;
+    assert_eq!(bar[first..first + 3], [each, -each, 0.0]);
+    assert!(bar[..first].iter().all(|x| *x == 0.0));
+}
+
+#[test]
+fn without_maps_of_their_own_places_gaussians_read_the_photo_alone() {
+    let maps = FeatureMaps::new(MapSettings { sampled_maps: 0, ..SETTINGS }, 1, HORIZON, 3).unwrap();
+    let (cloud, visible) = (cloud(), visible());
+    let extra = PlaceCodes::of(&cloud).rows(&cloud);
+    let mut toned = colours(1);
+    maps.forward(&Appearance::Mean, seen(&cloud, &extra, &visible), &mut toned);
+    assert!(toned.as_flattened().iter().all(|x| x.is_finite()));
+}
+
+#[test]
+fn what_cannot_work_is_refused_by_its_name() {
+    for (bad, name) in [
+        (MapSettings { encoder_side: 0, ..SETTINGS }, "encoder_side"),
+        (MapSettings { encoder_side: 40, ..SETTINGS }, "encoder_side"),
+        (MapSettings { encoder_side: 528, ..SETTINGS }, "encoder_side"),
+        (MapSettings { sampled_maps: 5, ..SETTINGS }, "sampled_maps"),
+        (MapSettings { map_channels: 0, ..SETTINGS }, "map_channels"),
+        (MapSettings { tone_width: 513, ..SETTINGS }, "tone_width"),
+        (MapSettings { tone_scale: 0.0, ..SETTINGS }, "tone_scale"),
+        (MapSettings { sample_weight: -1.0, ..SETTINGS }, "sample_weight"),
+        (MapSettings { place_code_lr: f64::NAN, ..SETTINGS }, "place_code_lr"),
+        (MapSettings { tone_lr: 0.0, ..SETTINGS }, "tone_lr"),
+        (MapSettings { encoder_lr: 0.0, ..SETTINGS }, "encoder_lr"),
+    ] {
+        let error = FeatureMaps::new(bad, 2, 100, 0).err().map(|e| e.to_string());
+        assert!(error.as_ref().is_some_and(|e| e.contains(name)), "{name}: {error:?}");
+    }
+}
+
+#[test]
+#[should_panic(expected = "as many numbers")]
+fn a_code_of_another_system_is_refused() {
+    let (maps, cloud) = (maps(SETTINGS), cloud());
+    let code: Arc<[f32]> = Arc::from([1.0; 7]);
+    maps.forward(&Appearance::Code(code), seen(&cloud, &extra(&cloud), &visible()), &mut colours(1));
+}

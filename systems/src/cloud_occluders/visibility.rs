@@ -1,0 +1,145 @@
+//! How visible the scene is in each pixel, by what costs least.
+//!
+//! ```text
+//! L(v) = (1 - d) r v + l (1 - v)^2         of a pixel with residual r; 1 - d = 0.8 is the weight of the residual, l = 0.15
+//! v = 1 - r (1 - d) / (2 l)                where it is least, not below 0: nothing is left from r = 0.375 on
+//! ```
+//!
+//! In the paper `v` is what a head of the network that encodes the photo says, a pixel for each square of four, and learnt with `L`. Here
+//! it is what that head would have to say of the residual as it is, averaged over such squares: nothing is to be learnt.
+//!
+//! # Source
+//! Zhang et al., "Gaussian in the Wild", 2024, section 3.4.
+
+use super::structure_parts::Plane;
+use crate::views::{Beside, RenderJudge, first_of, positive, unless};
+use engine::system::SystemError;
+use serde::{Deserialize, Serialize};
+
+/// Weight of the residual in the loss.
+const OF_RESIDUAL: f32 = 0.8;
+/// Pixels along the side of a square.
+const SQUARE: usize = 4;
+/// The scene shows where it is visible to more than this.
+const SHOWS: f32 = 0.5;
+
+/// Settings of [`VisibilityJudge`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct VisibilitySettings {
+    /// Share of the schedule before which all pixels count.
+    pub(crate) judge_from: f64,
+    /// Weight of what is left out in the loss: the larger, the larger must a residual be for its pixel to count less.
+    pub(crate) visibility_weight: f32,
+}
+
+impl VisibilitySettings {
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        first_of([
+            unless((0.0..=1.0).contains(&self.judge_from), "judge_from", self.judge_from, "must be a share, 0 to 1"),
+            positive("visibility_weight", self.visibility_weight.into()),
+        ])
+    }
+}
+
+/// Has pixels count as visible as the scene is.
+pub(crate) struct VisibilityJudge {
+    settings: VisibilitySettings,
+    /// Steps of the schedule.
+    horizon: u64,
+}
+
+impl VisibilityJudge {
+    /// For a schedule of `horizon` steps.
+    pub(crate) fn new(settings: VisibilitySettings, horizon: u64) -> Self {
+        Self { settings, horizon }
+    }
+
+    /// Visibility of a pixel with a residual; 0 where that is no number.
+    fn of(&self, residual: f32) -> f32 {
+        (1.0 - residual * OF_RESIDUAL / (2.0 * self.settings.visibility_weight)).clamp(0.0, 1.0).max(0.0)
+    }
+
+    fn visibility(&self, beside: &Beside<'_>) -> Vec<f32> {
+        let [width, height] = beside.size;
+        let pixels = width * height;
+        if pixels == 0 {
+            return Vec::new();
+        }
+        let mut values = vec![0.0; pixels];
+        for (render, photo) in beside.render.chunks_exact(pixels).zip(beside.photo.chunks_exact(pixels)).take(3) {
+            let each = values.iter_mut().zip(render).zip(photo);
+            each.for_each(|((sum, render), photo)| *sum += (render - photo).abs() / 3.0);
+        }
+        let residual = Plane { size: beside.size, values }.smaller(SQUARE).interpolated(beside.size);
+        residual.values.into_iter().map(|r| self.of(r)).collect()
+    }
+}
+
+impl RenderJudge for VisibilityJudge {
+    fn weights(&mut self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>> {
+        let from = self.settings.judge_from * self.horizon as f64;
+        (step as f64 >= from).then(|| self.visibility(beside))
+    }
+
+    fn static_pixels(&self, beside: &Beside<'_>) -> Vec<f32> {
+        self.visibility(beside).into_iter().map(|v| if v > SHOWS { 1.0 } else { 0.0 }).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SETTINGS: VisibilitySettings = VisibilitySettings { judge_from: 0.2, visibility_weight: 0.15 };
+
+    /// The closed form is what costs least, found by trying.
+    #[test]
+    fn the_closed_form_is_the_best_visibility() {
+        let judge = VisibilityJudge::new(SETTINGS, 100);
+        for residual in [0.0, 0.01, 0.1, 0.2, 0.3, 0.374, 0.376, 0.6, 1.0] {
+            let cost = |v: f64| 0.8 * f64::from(residual) * v + 0.15 * (1.0 - v).powi(2);
+            let tried = (0..=10_000).map(|i| f64::from(i) * 1e-4);
+            let best = tried.min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap();
+            assert!((f64::from(judge.of(residual)) - best).abs() < 2e-4, "{residual}: {best}");
+        }
+        assert!((judge.of(0.1875) - 0.5).abs() < 1e-6);
+        assert_eq!([judge.of(f32::NAN), judge.of(f32::INFINITY)], [0.0, 0.0]);
+    }
+
+    #[test]
+    fn what_stands_before_the_scene_does_not_count_and_the_rest_does() {
+        let size = [32, 24];
+        let render = vec![0.5; 3 * 32 * 24];
+        let mut photo = render.clone();
+        for i in (0..photo.len()).filter(|i| (8..16).contains(&(i % 32)) && (8..16).contains(&(i / 32 % 24))) {
+            photo[i] = 0.0;
+        }
+        let judge = VisibilityJudge::new(SETTINGS, 100);
+        let beside = Beside { size, render: &render, photo: &photo };
+        assert!(judge.weights(19, &beside).is_none());
+        let weights = judge.weights(20, &beside).unwrap();
+        assert_eq!((weights[12 * 32 + 12], weights[2 * 32 + 2], weights[20 * 32 + 28]), (0.0, 1.0, 1.0));
+        let counts = judge.static_pixels(&beside);
+        let left_out = counts.iter().filter(|c| **c == 0.0).count();
+        assert!((40..100).contains(&left_out), "{left_out}");
+    }
+
+    #[test]
+    fn nothing_is_judged_of_nothing_and_what_cannot_work_is_refused() {
+        let judge = VisibilityJudge::new(SETTINGS, 0);
+        assert!(judge.static_pixels(&Beside { size: [0, 4], render: &[], photo: &[] }).is_empty());
+        let (nan, one) = (vec![f32::NAN; 3 * 16], vec![1.0; 3 * 16]);
+        let counts = judge.static_pixels(&Beside { size: [4, 4], render: &nan, photo: &one });
+        assert!(counts.iter().all(|c| *c == 0.0));
+        assert!(SETTINGS.check().is_ok());
+        for bad in [
+            VisibilitySettings { judge_from: -0.1, ..SETTINGS },
+            VisibilitySettings { visibility_weight: 0.0, ..SETTINGS },
+        ] {
+            assert!(bad.check().is_err(), "{bad:?}");
+        }
+    }
+}
