@@ -117,8 +117,8 @@ mod tests {
         for i in (0..photo.len()).filter(|i| (8..16).contains(&(i % 32)) && (8..16).contains(&(i / 32 % 24))) {
             photo[i] = 0.0;
         }
-        let judge = VisibilityJudge::new(SETTINGS, 100);
-        let beside = Beside { size, render: &render, photo: &photo };
+        let mut judge = VisibilityJudge::new(SETTINGS, 100);
+        let beside = Beside { view: 0, size, render: &render, photo: &photo, before: None };
         assert!(judge.weights(19, &beside).is_none());
         let weights = judge.weights(20, &beside).unwrap();
         assert_eq!((weights[12 * 32 + 12], weights[2 * 32 + 2], weights[20 * 32 + 28]), (0.0, 1.0, 1.0));
@@ -130,9 +130,11 @@ mod tests {
     #[test]
     fn nothing_is_judged_of_nothing_and_what_cannot_work_is_refused() {
         let judge = VisibilityJudge::new(SETTINGS, 0);
-        assert!(judge.static_pixels(&Beside { size: [0, 4], render: &[], photo: &[] }).is_empty());
+        assert!(
+            judge.static_pixels(&Beside { view: 0, size: [0, 4], render: &[], photo: &[], before: None }).is_empty()
+        );
         let (nan, one) = (vec![f32::NAN; 3 * 16], vec![1.0; 3 * 16]);
-        let counts = judge.static_pixels(&Beside { size: [4, 4], render: &nan, photo: &one });
+        let counts = judge.static_pixels(&Beside { view: 0, size: [4, 4], render: &nan, photo: &one, before: None });
         assert!(counts.iter().all(|c| *c == 0.0));
         assert!(SETTINGS.check().is_ok());
         for bad in [

@@ -214,7 +214,8 @@ fn every_app_takes_every_system_that_fits_the_scene() {
     let (film, frames) = made::film(Points::None);
     let coarse = || run(toml::toml! { occupancy = 16 });
     // A cloud has no grid.
-    let small = |name: &str| if name == "4dgs" { run(toml::toml! { max_splats = 100 }) } else { coarse() };
+    let small =
+        |name: &str| if ["4dgs", "degauss"].contains(&name) { run(toml::toml! { max_splats = 100 }) } else { coarse() };
     for name in names(Family::Moving) {
         let built = build(name, &photos, &data, &small(name));
         if find(name).unwrap().needs == Needs::Photos {

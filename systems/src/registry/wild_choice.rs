@@ -18,7 +18,7 @@ const FIELD: &str = "auto";
 const CLOUD: &str = "wild-gaussians";
 
 /// Settings that both have, and words of them that one of them alone knows.
-const WORDS: [(&str, &str, &str); 8] = [
+const WORDS: [(&str, &str, &str); 12] = [
     ("appearance", "encoder", FIELD),
     ("occluders", "robust", FIELD),
     ("occluders", "transient", FIELD),
@@ -27,6 +27,10 @@ const WORDS: [(&str, &str, &str); 8] = [
     ("occluders", "masks", FIELD),
     ("occluders", "photos", CLOUD),
     ("occluders", "residual", CLOUD),
+    ("occluders", "errors", CLOUD),
+    ("occluders", "features", CLOUD),
+    ("occluders", "auto", CLOUD),
+    ("appearance", "maps", CLOUD),
 ];
 
 /// The system for photos of many people, where none is named. A setting that one of them alone has decides first; then what it is for,

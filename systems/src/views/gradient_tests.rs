@@ -270,6 +270,8 @@ pub(super) fn system(data: &Dataset, shared: &Shared, view_space: ViewSpaceGradi
         judge: None,
         surveys: None,
         motion: Some(Box::new(Expansion(shared.clone()))),
+        layers: None,
+        times: crate::views::PhotoTimes::Own,
         view_space,
         background: Background::White,
         time: None,

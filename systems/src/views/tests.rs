@@ -114,7 +114,7 @@ fn system(data: &Dataset, kind: DensityKind, view_space: ViewSpaceGradient) -> V
         surveys: None,
         layers: None,
         motion: None,
-        times: PhotoTimes::Own,
+        times: crate::views::PhotoTimes::Own,
         view_space,
         background: Background::Random,
         time: None,

@@ -46,6 +46,8 @@ const K_PLANES: Entry = Entry::new("k-planes");
 const TWO_PARTS: Entry = Entry::new("two-parts");
 const GAUSSIANS: Entry =
     Entry::new("4dgs").quick("start = 'random'\nstart_count = 200\nmax_splats = 300\nplane_vertices = 16");
+const DEGAUSS: Entry = Entry::new("degauss")
+    .quick("start = 'random'\nstart_count = 200\nmax_splats = 300\nfront_count = 100\nplane_vertices = 16");
 const ENDO_NERF: Entry = Entry::new("endo-nerf");
 
 /// Every system for scenes that move, and Nerfies without its parts.

@@ -114,6 +114,8 @@ const CLOUD_ALL_SHOWN: Entry = WILD_GAUSSIANS.set("wild-gaussians, no masks", "o
 const SPOTLESS: Entry = Entry::new("spotless");
 const CLOUD_STRUCTURE: Entry = WILD_GAUSSIANS.set("wild-gaussians, masks of structure", "occluders = 'residual'");
 
+/// Pictures of what is behind; one appearance.
+const DEGAUSS: Entry = Entry::new("degauss");
 const GS_W: Entry = Entry::new("gs-w");
 const GS_W_VISIBILITY: Entry = GS_W.set("gs-w, the paper's map", "occluders = 'visibility'");
 
@@ -150,6 +152,7 @@ const PERTURBED: [Photos; 4] = [
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ONE_APPEARANCE,
             SPOTLESS,
+            DEGAUSS,
             CLOUD_STRUCTURE,
             GS_W,
         ],
@@ -184,6 +187,7 @@ const PERTURBED: [Photos; 4] = [
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ONE_APPEARANCE,
             SPOTLESS,
+            DEGAUSS,
             CLOUD_ALL_SHOWN,
             GS_W,
             GS_W_VISIBILITY,
@@ -202,6 +206,7 @@ const EVERYTHING: &[Entry] = &[
     WILD_GAUSSIANS,
     CLOUD_ONE_APPEARANCE,
     SPOTLESS,
+    DEGAUSS,
     CLOUD_ALL_SHOWN,
     GS_W,
 ];

@@ -144,9 +144,17 @@ impl Recipe {
     pub(super) fn names(&'static self) -> toml::Table {
         let run = |set| RunOptions { seed: 0, background: None, error_budget: None, stop: None, set };
         let mut names = toml::Table::new();
-        let words = [("density", "adc"), ("density", "mcmc")];
-        let of_photos = self.photos.is_some().then_some(("occluders", "residual"));
-        for word in [None].into_iter().chain(words.into_iter().chain(of_photos).map(Some)) {
+        let mut words = vec![None, Some(("density", "adc")), Some(("density", "mcmc"))];
+        if self.photos.is_some() {
+            let of_photos = [
+                ("occluders", "residual"),
+                ("occluders", "errors"),
+                ("occluders", "visibility"),
+                ("appearance", "maps"),
+            ];
+            words.extend(of_photos.map(Some));
+        }
+        for word in words {
             let mut set = toml::toml! { start = "field" };
             set.extend(word.map(|(key, word)| (key.to_owned(), word.into())));
             let run = run(set);

@@ -82,6 +82,17 @@ fn build(name: &str, scene: &Scene, data: &Dataset, set: &[&str]) -> Result<(Box
             "densify_from=1",
             "densify_every=2",
         ],
+        "degauss" => &[
+            "plane_vertices=8",
+            "motion_width=8",
+            "horizon=6",
+            "motion_from=0.2",
+            "front_from=0.2",
+            "front_count=200",
+            "max_splats=300",
+            "densify_from=1",
+            "densify_every=2",
+        ],
         "two-parts" => {
             &["moving_levels=4", "moving_n_max=32", "moving_log2_table=10", "batch_rays=2048", "batch_samples=16384"]
         }
@@ -113,7 +124,7 @@ fn has_part(name: &str, setting: &str) -> bool {
     let has = |systems: &[&str]| systems.contains(&name);
     match setting.split(['=', '_']).next().unwrap_or_default() {
         // A cloud has planes, and nothing else of these.
-        _ if has(&["4dgs"]) => setting.starts_with("plane_features") || setting.starts_with("plane_times"),
+        _ if has(&["4dgs", "degauss"]) => setting.starts_with("plane_features") || setting.starts_with("plane_times"),
         "ambient" => has(&["hypernerf"]),
         "elastic" | "background" => has(&["nerfies", "hypernerf"]),
         "levels" | "log2" | "n" => !has(&["tineuvox", "k-planes"]),

@@ -103,6 +103,24 @@ pub(super) fn schedules(name: &str) -> &'static [&'static str] {
             "plane_features=4",
             "plane_times=4",
         ],
+        // The same, with a cloud in front from step 2 on.
+        "degauss" => &[
+            "start=random",
+            "start_count=300",
+            "max_splats=600",
+            "horizon=6",
+            "densify_from=1",
+            "densify_every=2",
+            "densify_gradient=1e-6",
+            "front_from=0.33",
+            "front_count=300",
+            "front_max=500",
+            "motion_from=0.33",
+            "motion_width=8",
+            "plane_vertices=8",
+            "plane_features=4",
+            "plane_times=4",
+        ],
         _ => &[],
     }
 }
@@ -153,7 +171,7 @@ fn has_part(name: &str, setting: &str) -> bool {
     let has = |systems: &[&str]| systems.contains(&name);
     match setting.split('=').next().unwrap() {
         // A cloud has no rays.
-        _ if has(&["4dgs"]) => false,
+        _ if has(&["4dgs", "degauss"]) => false,
         "levels" | "log2_table" | "n_max" => !has(&["tineuvox", "k-planes"]),
         "warp_width" => !has(&["ngp", "k-planes", "two-parts"]),
         "warp_depth" => !has(&["ngp", "k-planes", "two-parts", "t-nerf", "nsff", "dynamic-nerf"]),

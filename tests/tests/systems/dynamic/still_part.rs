@@ -12,7 +12,7 @@ const STATIC: [&str; 2] = ["background=static", "moving_from=0.5"];
 #[test]
 fn each_system_can_have_a_still_part_with_the_same_bits_for_1_2_and_4_threads_and_after_a_resume() {
     // These have one anyway, and a cloud is no field: training.rs compares their bits.
-    let always = ["nsff", "dynamic-nerf", "two-parts", "4dgs"];
+    let always = ["nsff", "dynamic-nerf", "two-parts", "4dgs", "degauss"];
     for name in names(Family::Moving).into_iter().filter(|name| *name != "ngp" && !always.contains(name)) {
         println!("{name}");
         let scene = scene_of(name);

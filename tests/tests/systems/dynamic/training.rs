@@ -25,6 +25,18 @@ fn each_system_learns_and_shows_the_time_asked_for() {
                 "lr_dc=0.02",
                 "plane_vertices=16",
             ],
+            "degauss" => &[
+                "start=random",
+                "start_count=2000",
+                "max_splats=2000",
+                "horizon=40",
+                "front_from=0.1",
+                "front_count=1000",
+                "motion_from=0.1",
+                "lr_mean=0.002",
+                "lr_dc=0.02",
+                "plane_vertices=16",
+            ],
             _ => &[],
         };
         let mut system = system(name, &scene, &train, small);
