@@ -91,7 +91,7 @@ pub(crate) fn pull_back(
     let opacity = 1.0 - front.transmittance + LEAST_OPACITY;
     let mut out = PixelBars::default();
     let (mut share_bar, mut brightness_bar, mut transmittance) = (bar.share, bar.brightness, 0.0);
-    for c in 0..3 {
+    for (c, under) in behind.into_iter().enumerate() {
         let lit = seen.behind[c];
         share_bar += bar.colour[c] * (seen.front[c] - lit.clamp(0.0, 1.0));
         let own_bar = bar.front[c] + share * bar.colour[c];
@@ -100,7 +100,7 @@ pub(crate) fn pull_back(
         let inside = if (0.0..=1.0).contains(&lit) { (1.0 - share) * bar.colour[c] } else { 0.0 };
         let lit_bar = bar.behind[c] + inside;
         out.behind[c] = seen.brightness * lit_bar;
-        brightness_bar += lit_bar * behind[c];
+        brightness_bar += lit_bar * under;
     }
     out.front.masks[0] = share_bar * (1.0 - share) / sum;
     let of_behind = -share_bar * share / sum;

@@ -166,7 +166,7 @@ impl PicturePass for LayeredPass {
     ) -> Result<Outcome, PassError> {
         let &[behind, front] = clouds else { return Ok(Outcome::default()) };
         let at = parts.step as f64 / self.layers.horizon.max(1) as f64;
-        let begun = at >= self.layers.settings.front_from && front.gaussians.len() > 0;
+        let begun = at >= self.layers.settings.front_from && !front.gaussians.is_empty();
         let behind = [DrawnCloud { index: 0, ..behind }];
         let mut drawn = self.behind.draw(&behind, camera, None)?;
         self.masks.clear();

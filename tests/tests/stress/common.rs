@@ -56,6 +56,7 @@ pub(crate) const QUERY: Query = Query {
         normals: engine::system::Normals::Compute,
         canonical: engine::system::Canonical::Compute,
         median: engine::system::Median::Compute,
+        behind: engine::system::Behind::Compute,
     },
     error_budget: 0.0,
     appearance: engine::system::Appearance::Mean,

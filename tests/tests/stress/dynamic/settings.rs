@@ -7,7 +7,7 @@ use scene_io::Point;
 use stress::Tally;
 
 /// Accepted at either end, by system.
-const ACCEPTED: [(&str, &str); 13] = [
+const ACCEPTED: [(&str, &str); 14] = [
     ("ngp", "guided=true depth=1000.0 curriculum=1.0 horizon=1 horizon=9223372036854775807"),
     (
         "t-nerf",

@@ -6,7 +6,7 @@ use scene_io::{PerturbationKind, perturb};
 use stress::Tally;
 
 /// Accepted at either end, by method.
-const ACCEPTED: [(&str, &str); 11] = [
+const ACCEPTED: [(&str, &str); 12] = [
     (
         "robust-nerf",
         "judging=batch judging=never judge_first=1 judge_first=9223372036854775807 judge_scale=1e-38 judge_scale=3e38
