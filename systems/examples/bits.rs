@@ -6,7 +6,7 @@ use engine::checkpoint::{serialise, sha256};
 use engine::data::Dataset;
 use engine::options::{RunOptions, parse_set};
 use engine::render::plain_query;
-use engine::system::{Appearance, Canonical, Fit, LayerRequest, Median, Normals, Query, System, SystemError};
+use engine::system::{Appearance, Behind, Canonical, Fit, LayerRequest, Median, Normals, Query, System, SystemError};
 use render_core::camera::{Camera, Lens};
 use scene_io::synthetic::{OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, orbit, plaza, tabletop, tissue};
 use scene_io::{ImageStore, Scene, Split, StoreOptions};
@@ -137,7 +137,12 @@ const LENS: Lens = Lens::Perspective { k: [0.1, -0.05, 0.0, 0.0, 0.0, 0.0], p: [
 
 /// What a cloud shows of itself: whole pictures, one through a lens, and what is exported.
 fn push_pictures(system: &dyn System, camera: &Camera, bytes: &mut Vec<u8>) {
-    let layers = LayerRequest { median: Median::Compute, normals: Normals::Compute, canonical: Canonical::Compute };
+    let layers = LayerRequest {
+        median: Median::Compute,
+        normals: Normals::Compute,
+        canonical: Canonical::Compute,
+        behind: Behind::Compute,
+    };
     let query = Query { layers, ..plain_query([0.2; 3], 1e-3) };
     for lens in [camera.lens, LENS] {
         let camera = Camera { lens, ..*camera };

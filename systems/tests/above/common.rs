@@ -140,6 +140,7 @@ impl System for Sky {
                 Normals::Skip => Vec::new(),
             },
             canonical: Vec::new(),
+            behind: Vec::new(),
         }
     }
 

@@ -87,6 +87,7 @@ impl System for Sky {
             median_depth: vec![10.0; n],
             normal: Vec::new(),
             canonical: Vec::new(),
+            behind: Vec::new(),
         }
     }
 
