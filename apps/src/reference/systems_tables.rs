@@ -19,7 +19,7 @@ const FAMILIES: [(Family, &str, &str); 3] = [
     (
         Family::Moving,
         "For scenes that move",
-        "`nerf-dynamic`; without `--system`, `4dgs` for things that are cut out and `two-parts` for places. They work on the field of `ngp`, but for `tineuvox` and `k-planes`, which have their own, and `4dgs`, a cloud.",
+        "`nerf-dynamic`; without `--system`, `4dgs` for things that are cut out and `two-parts` for places. They work on the field of `ngp`, but for `tineuvox` and `k-planes`, which have their own, and `4dgs` and `degauss`, clouds.",
     ),
 ];
 

@@ -7,9 +7,8 @@ use super::config::PictureConfig;
 use super::density_control::ChangeTime;
 use super::drawing::DrawnCloud;
 use super::free_space::FreeSpace;
-use super::hooks::{
-    CloudLayers, CloudMotion, ColourAppearance, Front, OfAppearance, RenderJudge, SeenPhoto, SurveyJudge,
-};
+use super::front::ViewLayers;
+use super::hooks::{CloudMotion, ColourAppearance, OfAppearance, RenderJudge, SeenPhoto, SurveyJudge};
 use super::memory::Pictures;
 use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, StepJudge, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
@@ -91,13 +90,6 @@ impl PhotoTimes {
             Self::Order => view as f64 / data.len().saturating_sub(1).max(1) as f64,
         }
     }
-}
-
-/// Two clouds that are put together.
-pub(crate) struct ViewLayers {
-    pub(crate) part: Box<dyn CloudLayers>,
-    /// Whether pictures show the one in front, where nothing is asked.
-    pub(crate) front: Front,
 }
 
 /// A system of Gaussians.

@@ -2,13 +2,12 @@
 
 use super::cloud_parameters::CloudParameters;
 use super::drawing::VisibleCloud;
-use super::pass::PicturePass;
 use super::weights::{StepPhoto, Weights};
 use crate::photo_model::PhotoAndRender;
 use engine::data::Dataset;
 use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;
-use splat_core::{Gaussians, View};
+use splat_core::View;
 
 /// Parameters of a part, besides those of the clouds.
 pub(crate) trait Learns: Send + Sync {
@@ -106,37 +105,6 @@ pub(crate) trait CloudMotion: Learns {
     /// Backward twin of [`cloud_at`](Self::cloud_at). `bar` is the gradient with respect to the cloud at `time`, and becomes that with
     /// respect to the canonical one. The gradient with respect to its own parameters is held for the next step.
     fn pull_back(&mut self, time: f64, index: usize, canonical: &CloudParameters, bar: &mut CloudParameters);
-}
-
-/// What a cloud in front shows of a pixel, composited over nothing.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct FrontSeen {
-    pub(crate) colour: [f32; 3],
-    pub(crate) masks: [f32; 3],
-    pub(crate) transmittance: f32,
-}
-
-/// Two clouds that are drawn one by one and put together: the second in front of the first.
-pub(crate) trait CloudLayers: Send + Sync {
-    /// The pictures of steps.
-    fn pass(&self, simd: Simd) -> Box<dyn PicturePass>;
-
-    /// The masks of Gaussian `i` of `n` in front, by the extra rows `[rows][n]`.
-    fn masks(&self, extra: &[f32], n: usize, i: usize) -> [f32; 3];
-
-    /// The colour of a pixel, and the share that the front has of it.
-    fn pixel(&self, front: &FrontSeen, behind: [f32; 3]) -> ([f32; 3], f32);
-
-    /// The cloud in front as nearly as a cloud without masks shows it.
-    fn front_alone(&self, front: &CloudParameters) -> Gaussians;
-}
-
-/// Whether pictures show the cloud in front.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Front {
-    Shown,
-    /// They show what is behind it alone.
-    Hidden,
 }
 
 /// What a photo and its render are, pixel by pixel: planes `[3][rows][columns]`.

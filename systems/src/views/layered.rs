@@ -1,8 +1,7 @@
 //! Pictures of two clouds that are drawn one by one and put together.
 
 use super::drawing::Projections;
-use super::driver::ViewLayers;
-use super::hooks::{CloudLayers, Front, FrontSeen};
+use super::front::{CloudLayers, Front, FrontSeen, ViewLayers};
 use super::photo::view;
 use super::render::{Buffers, CloudRenderer};
 use super::skipped::Skipped;

@@ -38,6 +38,7 @@ mod drawing;
 mod driver;
 mod flow;
 mod free_space;
+mod front;
 #[cfg(test)]
 mod gradient_tests;
 mod hooks;
@@ -77,10 +78,10 @@ pub(crate) use density_config::{
     AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, PlannedDensity, SplitConfig,
 };
 pub(crate) use drawing::{DrawnCloud, SeenGaussians, VisibleCloud};
-pub(crate) use driver::{PhotoTimes, ViewLayers, ViewParts, Views, refused};
+pub(crate) use driver::{PhotoTimes, ViewParts, Views, refused};
+pub(crate) use front::{CloudLayers, Front, FrontSeen, ViewLayers};
 pub(crate) use hooks::{
-    Beside, CloudLayers, CloudMotion, ColourAppearance, ColourBars, Front, FrontSeen, Learns, RenderJudge, SeenPhoto,
-    SurveyJudge,
+    Beside, CloudMotion, ColourAppearance, ColourBars, Learns, RenderJudge, SeenPhoto, SurveyJudge,
 };
 pub(crate) use pass::{LossParts, Outcome, Pass, PassError, PicturePass, StepCamera, ViewSpaceGradient, squared_error};
 pub(crate) use place_codes::PlaceCodes;

@@ -2,7 +2,7 @@
 
 use super::cloud_frame::CloudFrame;
 use super::drawing::{DrawnCloud, Projections};
-use super::driver::ViewLayers;
+use super::front::ViewLayers;
 use super::hooks::OfAppearance;
 use super::photo::view;
 use super::planes::PlaneLayout;

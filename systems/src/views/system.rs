@@ -5,7 +5,7 @@ use super::cloud_frame::CloudFrame;
 use super::cloud_parameters::{CloudParameters, joined};
 use super::driver::{Clouds, OWN, Views};
 use super::free_space;
-use super::hooks::Front;
+use super::front::Front;
 use super::memory;
 use super::pass::PARTS;
 use super::render::{RAY_RADIUS, one_pixel};
