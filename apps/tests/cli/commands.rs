@@ -130,7 +130,11 @@ fn a_run_is_trained_measured_rendered_and_exported() {
     let error = error_line(&answer);
     assert!(answer.code == 1 && error.contains("`--layers flow`") && error.contains("one frame only"), "{error}");
     let answer = nerf(&["render", text(&run), "--path", "orbit", "--out", text(&frames), "--layers", "canonicle"]);
-    assert!(answer.code == 2 && answer.err.contains("[possible values: ") && answer.err.contains(", canonical, flow]"));
+    assert!(
+        answer.code == 2 && answer.err.contains("[possible values: ") && answer.err.contains(", flow, background]")
+    );
+    let answer = nerf(&["render", text(&run), "--path", "orbit", "--out", text(&frames), "--layers", "background"]);
+    assert!(answer.code == 1 && error_line(&answer).contains("`degauss`"), "{}", answer.err);
     let answer = nerf(&["render", text(&run), "--path", "orbit", "--frames", "2", "--out", text(&path("orbit"))]);
     assert_eq!(answer.code, 0, "{}", answer.err);
     // Without a path: one that stays where photos were, and how much of each frame they saw.

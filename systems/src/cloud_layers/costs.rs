@@ -3,11 +3,12 @@
 //! ```text
 //! main    = |C - I| + w_e sum_(e in f, b) 1[P_e > 0.51] (|C_e - I| + 0.1 (1 - SSIM(C_e, I)))
 //!           + w_d mean 1[P_f > 0.6] max(D_f - D_b, 0) + w_s V(D_b, I)
-//! utility = w_u (1 - SSIM(C, I)) + w_h H(P_f) + w_B |B - 1|
+//! utility = w_u (1 - SSIM(C, I)) + w_p P_f + w_h H(P_f) + w_B |B - 1|
 //! ```
 //!
 //! `D` are depths, `V` their variation ([`losses::edge_variation`]), `H` the entropy of the mask. Before the cloud in front begins, the one
-//! behind learns alone. Indicators and the depth behind in the separation have no gradient.
+//! behind learns alone. Indicators and the depth behind in the separation have no gradient. The share of the front
+//! (`w_p`) costs nothing in the paper.
 //!
 //! # Source
 //! Wang et al., "DeGauss", 2025, equations 3 to 10, supplement and released code; what differs: `docs/decisions/0066-degauss.md`.
@@ -236,18 +237,20 @@ impl Costs {
         sum
     }
 
-    /// Masks that are neither, and brightness other than 1.
+    /// Masks of the front, masks that are neither, and brightness other than 1.
     fn masks(&self, seen: &Seen<'_>, target: &TargetPicture<'_>, at: f64, bars: &mut CostBars) -> f64 {
         let n = seen.composed.len().max(1) as f64;
         let entropy = if at < CLEAR_FROM { 0.0 } else { self.settings.front_entropy / n };
         let grown = ((at - BRIGHTNESS_FROM) / (1.0 - BRIGHTNESS_FROM)).max(0.0) * self.settings.front_brightness;
         let brightness = FREE_BRIGHTNESS.max(grown) / n;
+        let sparsity = self.settings.front_sparsity / n;
         let mut sum = 0.0;
         for (i, (pixel, bar)) in seen.composed.iter().zip(&mut bars.composed).enumerate() {
             let counts = target.weights.map_or(1.0, |w| f64::from(w[i]));
             let off = pixel.brightness - 1.0;
             sum += counts * (entropy * entropy::value(pixel.share) + brightness * f64::from(off.abs()));
-            bar.share += (counts * entropy * entropy::derivative(pixel.share)) as f32;
+            sum += counts * sparsity * f64::from(pixel.share);
+            bar.share += (counts * (sparsity + entropy * entropy::derivative(pixel.share))) as f32;
             let sign = if off == 0.0 { 0.0 } else { off.signum() };
             bar.brightness += (counts * brightness) as f32 * sign;
         }

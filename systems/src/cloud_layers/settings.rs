@@ -20,6 +20,8 @@ pub(crate) struct LayerSettings {
     pub(crate) front_each: f64,
     /// Masks that are neither: from the middle of the schedule on.
     pub(crate) front_entropy: f64,
+    /// Share of the front: what both could show is of the cloud behind.
+    pub(crate) front_sparsity: f64,
     /// What is in front lies behind.
     pub(crate) front_separation: f64,
     /// Depths behind vary where the photo does not.
@@ -43,6 +45,7 @@ impl LayerSettings {
             not_negative("front_structure", self.front_structure),
             not_negative("front_each", self.front_each),
             not_negative("front_entropy", self.front_entropy),
+            not_negative("front_sparsity", self.front_sparsity),
             not_negative("front_separation", self.front_separation),
             not_negative("front_smoothness", self.front_smoothness),
             not_negative("front_brightness", self.front_brightness),

@@ -1,7 +1,11 @@
 //! Pixels of two clouds against differences, and the step as the driver makes it.
 
 use super::composite::{Composed, ComposedBar, FrontPixel, compose, pull_back};
+use super::{LayerSettings, MASK_ROWS, TwoLayers};
+use crate::views::{CloudLayers, CloudParameters, DrawnCloud, LossParts, StepCamera, TargetPicture, ViewSpaceGradient};
 use field_core::rng::Rng;
+use float_core::Simd;
+use splat_core::{Gaussians, RasterSettings, View};
 use testkit::gradient::central_difference;
 
 /// Everything that a pixel depends on: colour, masks and transmittance of the front, colour behind.
@@ -87,4 +91,135 @@ fn where_nothing_is_in_front_all_is_behind() {
     let opaque = FrontPixel { colour: [0.3; 3], masks: [1.0, 0.0, 0.5], transmittance: 0.0 };
     let seen: Composed = compose(&opaque, behind, true);
     assert!(seen.share > 0.999 && (seen.colour[0] - 0.3).abs() < 1e-3, "{seen:?}");
+}
+
+const SETTINGS: LayerSettings = LayerSettings {
+    front_from: 0.1,
+    front_shades: true,
+    front_mask_lr: 0.05,
+    front_structure: 0.2,
+    front_each: 0.25,
+    front_entropy: 0.05,
+    front_sparsity: 0.05,
+    front_separation: 0.1,
+    front_smoothness: 0.05,
+    front_brightness: 0.2,
+};
+const SIZE: [usize; 2] = [28, 24];
+const HORIZON: u64 = 100;
+
+/// Gaussians before a camera at the origin, about `z` away.
+fn cloud(n: usize, z: f32, stream: u64, rows: usize) -> CloudParameters {
+    let mut cloud = Gaussians::new(n, 1).unwrap();
+    let rng = Rng::new(11, stream);
+    for (k, (_, values)) in cloud.fields_mut().into_iter().enumerate() {
+        let [middle, spread] = [[0.0, 0.5], [-1.6, 0.3], [0.3, 0.9], [1.0, 1.0], [0.1, 0.6], [0.0, 0.2]][k];
+        let mut u = vec![0.0; values.len()];
+        rng.substream(k as u64).fill_uniform(0, &mut u);
+        values.iter_mut().zip(u).for_each(|(value, u)| *value = middle + spread * (2.0 * u - 1.0));
+    }
+    cloud.mean[2 * n..].iter_mut().for_each(|depth| *depth += z);
+    let mut parameters = CloudParameters::new(cloud, rows);
+    rng.substream(9).fill_uniform(0, &mut parameters.extra);
+    parameters.extra.iter_mut().for_each(|x| *x -= 0.7);
+    parameters
+}
+
+/// What a step says of two clouds.
+struct Said {
+    loss: f64,
+    gradients: [CloudParameters; 2],
+    /// Of each cloud, what the density control is given.
+    uv: [Vec<[f32; 2]>; 2],
+}
+
+fn step(settings: LayerSettings, clouds: &[CloudParameters; 2], step: u64) -> Said {
+    let view = View::at_origin(SIZE);
+    let mut photo = vec![0.0; 3 * SIZE[0] * SIZE[1]];
+    Rng::new(3, 3).fill_uniform(0, &mut photo);
+    let mut pass = TwoLayers::new(settings, HORIZON).pass(Simd::best());
+    let drawn = [0, 1].map(|index| DrawnCloud {
+        index,
+        gaussians: &clouds[index].gaussians,
+        extra: &clouds[index].extra,
+        composited: 0,
+        degree: 1,
+    });
+    let camera = StepCamera { view: &view, settings: &RasterSettings::DEFAULT, background: [0.3, 0.6, 0.2] };
+    let target = TargetPicture { view: 0, colour: &photo, weights: None };
+    let mut parts = LossParts {
+        terms: &mut [],
+        appearance: None,
+        judge: None,
+        judged: None,
+        view_space: ViewSpaceGradient::Plain,
+        step,
+        camera: None,
+        seconds: &mut [0.0; 6],
+    };
+    let mut gradients = clouds.clone();
+    let loss = pass.run(&drawn, &camera, &target, &mut parts, &mut gradients).unwrap().loss;
+    let uv = [0, 1].map(|index| pass.seen(index).uv.to_vec());
+    Said { loss, gradients, uv }
+}
+
+/// The fields of a cloud and its extra rows.
+fn fields(cloud: &mut CloudParameters) -> Vec<&mut Vec<f32>> {
+    let mut all: Vec<&mut Vec<f32>> = cloud.gaussians.fields_mut().into_iter().map(|(_, values)| values).collect();
+    all.push(&mut cloud.extra);
+    all
+}
+
+#[test]
+fn the_gradient_of_a_step_is_that_of_differences_in_every_kind_of_parameter() {
+    // In steps of `f32`: large enough for its rounding, along many parameters at once.
+    const H: f32 = 1e-3;
+    let clouds = [cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, MASK_ROWS)];
+    for (settings, at) in
+        [(SETTINGS, 80), (SETTINGS, 5), (LayerSettings { front_each: 0.0, front_shades: false, ..SETTINGS }, 30)]
+    {
+        let said = step(settings, &clouds, at);
+        for index in 0..2 {
+            for kind in 0..7 {
+                let mut gradient = said.gradients[index].clone();
+                let gradient = fields(&mut gradient).remove(kind).clone();
+                let way: Vec<f32> = gradient.iter().map(|g| if *g < 0.0 { -1.0 } else { 1.0 }).collect();
+                let moved = |h: f32| {
+                    let mut moved = clouds.clone();
+                    let values = fields(&mut moved[index]).remove(kind);
+                    values.iter_mut().zip(&way).for_each(|(x, way)| *x += h * way);
+                    step(settings, &moved, at).loss
+                };
+                let want = (moved(H) - moved(-H)) / (2.0 * f64::from(H));
+                let got: f64 = gradient.iter().map(|g| f64::from(g.abs())).sum();
+                let off = (got - want).abs();
+                assert!(off < 0.04 * want.abs() + 2e-4, "step {at}, cloud {index}, kind {kind}: {got} {want}");
+            }
+        }
+        let begun = at as f64 >= SETTINGS.front_from * HORIZON as f64;
+        let front = fields(&mut said.gradients[1].clone()).iter().any(|values| values.iter().any(|g| *g != 0.0));
+        assert_eq!(front, begun, "step {at}");
+    }
+}
+
+#[test]
+fn the_utility_part_changes_gradients_and_not_where_gaussians_come() {
+    let clouds = [cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, MASK_ROWS)];
+    let more = LayerSettings { front_structure: 1.0, front_entropy: 1.0, front_brightness: 1.0, ..SETTINGS };
+    let [a, b] = [SETTINGS, more].map(|settings| step(settings, &clouds, 80));
+    assert_eq!(a.uv, b.uv);
+    assert!(a.uv.iter().all(|uv| uv.iter().any(|uv| uv[0] != 0.0)));
+    assert!(a.gradients != b.gradients && a.loss < b.loss);
+    let main = LayerSettings { front_separation: 1.0, front_smoothness: 1.0, ..SETTINGS };
+    assert!(step(main, &clouds, 80).uv != a.uv);
+}
+
+#[test]
+fn clouds_of_nothing_cost_what_the_background_costs() {
+    let nothing = || CloudParameters::new(Gaussians::new(0, 1).unwrap(), 0);
+    let empty_front = CloudParameters::new(Gaussians::new(0, 1).unwrap(), MASK_ROWS);
+    let both = step(SETTINGS, &[nothing(), empty_front.clone()], 80);
+    assert!(both.loss.is_finite() && both.loss > 0.0);
+    let one = step(SETTINGS, &[cloud(9, 3.0, 1, 0), empty_front], 80);
+    assert!(one.loss.is_finite() && one.uv[1].is_empty());
 }

@@ -89,7 +89,7 @@ const ACCEPTED: [(&str, &str); 14] = [
     (
         "degauss",
         "front_from=0.0 front_from=0.99 front_shades=false front_mask_lr=1e-300 front_mask_lr=100.0 front_structure=0.0
-        front_structure=100.0 front_each=0.0 front_each=100.0 front_entropy=0.0 front_entropy=1000.0 front_separation=0.0
+        front_structure=100.0 front_each=0.0 front_each=100.0 front_entropy=0.0 front_entropy=1000.0 front_sparsity=0.0 front_sparsity=1000.0 front_separation=0.0
         front_separation=1000.0 front_smoothness=0.0 front_smoothness=1000.0 front_brightness=0.0 front_brightness=1000.0 front_count=1
         front_count=1+front_max=1 front_max=1000 motion_from=0.0 motion_opacity=false+motion_colour=false sh_degree=0 start=random
         start=points density=adc density=mcmc max_splats=1",

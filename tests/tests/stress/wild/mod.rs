@@ -49,6 +49,8 @@ fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
     };
     let of_occluders: &[&str] = match name {
         "robust-nerf" => &["judge_first=2"],
+        // Its masks are those of errors.
+        "spotless" => &[],
         _ if CLOUDS.contains(&name) => match chosen("occluders") {
             None => &["judge_first=2"],
             Some("residual" | "visibility") => &["judge_from=0.2"],
