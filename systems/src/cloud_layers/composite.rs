@@ -19,7 +19,7 @@
 const LEAST_MASK: f32 = 1e-6;
 /// Added to the opacity that a colour is divided by.
 const LEAST_OPACITY: f32 = 1e-4;
-/// The brightness rises so many times as fast above this much of its mask.
+/// Where the mask of the brightness is above the knee, the brightness rises this many times as fast.
 const KNEE: f32 = 0.75;
 const STEEP: f32 = 37.0;
 

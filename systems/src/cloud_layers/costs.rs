@@ -147,16 +147,16 @@ impl Costs {
         let mut sum = 0.0;
         let structure = front_structure as f32;
         if let Some(front) = &seen.front {
-            sum += self.compare(Which::Both, seen, target, &Weigh::ALL, [1.0, 0.0], &mut main)?;
-            sum += self.compare(Which::Both, seen, target, &Weigh::ALL, [0.0, structure], &mut utility)?;
+            sum += self.compare(Which::Both, seen, target, None, [1.0, 0.0], &mut main)?;
+            sum += self.compare(Which::Both, seen, target, None, [0.0, structure], &mut utility)?;
             let own = [front_each as f32, STRUCTURE_OF_EACH * front_each as f32];
-            sum += self.compare(Which::Front, seen, target, &Weigh::FRONT, own, &mut main)?;
-            sum += self.compare(Which::Behind, seen, target, &Weigh::BEHIND, own, &mut main)?;
+            sum += self.compare(Which::Front, seen, target, Some(Weigh::FRONT), own, &mut main)?;
+            sum += self.compare(Which::Behind, seen, target, Some(Weigh::BEHIND), own, &mut main)?;
             sum += self.separation(seen, front, target, &mut main);
             sum += self.masks(seen, target, at, &mut utility);
         } else {
-            sum += self.compare(Which::Behind, seen, target, &Weigh::ALL, [1.0, 0.0], &mut main)?;
-            sum += self.compare(Which::Behind, seen, target, &Weigh::ALL, [0.0, structure], &mut utility)?;
+            sum += self.compare(Which::Behind, seen, target, None, [1.0, 0.0], &mut main)?;
+            sum += self.compare(Which::Behind, seen, target, None, [0.0, structure], &mut utility)?;
         }
         if let Some(depth) = seen.behind.depth.filter(|_| self.settings.front_smoothness > 0.0) {
             let of = DepthAndPhoto { size, depth, photo: target.colour };
@@ -167,13 +167,14 @@ impl Costs {
         Ok(sum)
     }
 
-    /// `weights[0] mean g |x - y| + weights[1] mean g (1 - SSIM)` of one of the pictures, where the pixels `weigh` count.
+    /// `weights[0] mean g |x - y| + weights[1] mean g (1 - SSIM)` of one of the pictures; of those pixels only that
+    /// `weigh` says, where it says anything.
     fn compare(
         &mut self,
         which: Which,
         seen: &Seen<'_>,
         target: &TargetPicture<'_>,
-        weigh: &Weigh,
+        weigh: Option<Weigh>,
         weights: [f32; 2],
         bars: &mut CostBars,
     ) -> Result<f64, LossError> {
@@ -188,17 +189,22 @@ impl Costs {
         }
         self.planes_bar.clear();
         self.planes_bar.resize(3 * n, 0.0);
-        let counts = target.weights;
-        let counted = |(i, pixel): (usize, &Composed)| weigh.of(pixel) * counts.map_or(1.0, |w| w[i]);
-        self.weights.clear();
-        self.weights.extend(seen.composed.iter().enumerate().map(counted));
+        let weights_of_pixels = match weigh {
+            None => target.weights,
+            Some(weigh) => {
+                let counted = |(i, pixel): (usize, &Composed)| weigh.of(pixel) * target.weights.map_or(1.0, |w| w[i]);
+                self.weights.clear();
+                self.weights.extend(seen.composed.iter().enumerate().map(counted));
+                Some(&self.weights[..])
+            }
+        };
         let pair = Pair {
             channels: 3,
             height: size[1],
             width: size[0],
             x: &self.planes,
             target: Target::Planes(target.colour),
-            weights: Some(&self.weights),
+            weights: weights_of_pixels,
         };
         let (lambda, bar) = (weights[1] / total, f64::from(total));
         let loss = self.dssim.l1_dssim_backward(&pair, lambda, bar, &mut self.planes_bar)?.loss;
@@ -265,7 +271,6 @@ struct Weigh {
 }
 
 impl Weigh {
-    const ALL: Self = Self { above: f32::NEG_INFINITY, below: f32::INFINITY };
     const FRONT: Self = Self { above: LIKELY, below: f32::INFINITY };
     const BEHIND: Self = Self { above: f32::NEG_INFINITY, below: 1.0 - LIKELY };
 

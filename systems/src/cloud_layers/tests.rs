@@ -171,9 +171,9 @@ fn fields(cloud: &mut CloudParameters) -> Vec<&mut [f32]> {
 
 #[test]
 fn the_gradient_of_a_step_is_that_of_differences_in_every_kind_of_parameter() {
-    // In steps of `f32`, large enough for its rounding, along many parameters at once: corners of absolute values and the edges at which
-    // Gaussians are cut off are in the differences and not in the gradient.
-    const H: f32 = 1e-3;
+    // The median over steps of several lengths: now and then a difference holds an edge at which a Gaussian is cut off, or a pixel that comes
+    // to be of the other cloud, which no gradient knows.
+    const STEPS: [f32; 5] = [1e-3, 6e-4, 3e-4, 2e-4, 1e-4];
     let clouds = [cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, MASK_ROWS)];
     for (settings, at) in
         [(SETTINGS, 80), (SETTINGS, 5), (LayerSettings { front_each: 0.0, front_shades: false, ..SETTINGS }, 30)]
@@ -190,10 +190,12 @@ fn the_gradient_of_a_step_is_that_of_differences_in_every_kind_of_parameter() {
                     values.iter_mut().zip(&way).for_each(|(x, way)| *x += h * way);
                     step(settings, &moved, at).loss
                 };
-                let want = (moved(H) - moved(-H)) / (2.0 * f64::from(H));
+                let mut differences = STEPS.map(|h| (moved(h) - moved(-h)) / (2.0 * f64::from(h)));
+                differences.sort_by(f64::total_cmp);
+                let want = differences[STEPS.len() / 2];
                 let got: f64 = gradient.iter().map(|g| f64::from(g.abs())).sum();
-                // What moves edges: places, sizes, rotations, opacities.
-                let share = if kind < 4 { 0.5 } else { 0.04 };
+                // Places, sizes, rotations and opacities move edges.
+                let share = if kind < 4 { 0.15 } else { 0.01 };
                 let off = (got - want).abs();
                 assert!(off < share * want.abs() + 3e-4, "step {at}, cloud {index}, kind {kind}: {got} {want}");
             }

@@ -66,7 +66,7 @@ struct Held {
 }
 
 impl FeatureMaps {
-    /// At the start; of so many photos, none of which was seen. The schedule is of `horizon` steps.
+    /// At the start, for `photos` photos, before any of them was seen. The schedule has `horizon` steps.
     ///
     /// # Errors
     /// [`SystemError::Config`] for settings that cannot work.

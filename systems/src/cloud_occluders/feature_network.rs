@@ -136,7 +136,7 @@ impl FeatureNetwork {
         self.params.len()
     }
 
-    /// Bytes of what it makes of a photo of so many pixels: hidden units, mask and gradient.
+    /// Bytes that a photo of this many pixels takes while the network works on it: hidden units, mask and gradient.
     pub(super) fn bytes(pixels: usize) -> usize {
         (UNITS + 2) * pixels * size_of::<f32>()
     }

@@ -88,7 +88,7 @@ pub(crate) use place_codes::PlaceCodes;
 pub(crate) use planes::{PlaneLayout, RenderedPicture};
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
 pub(crate) use sample_places::SamplePlaces;
-pub(crate) use terms::{L1Dssim, L1DssimConfig, Structure, TargetPicture};
+pub(crate) use terms::{L1Dssim, L1DssimConfig, PictureTerm, Structure, TargetPicture};
 pub(crate) use undistortion::source;
 pub(crate) use visual_hull::VisualHull;
 pub(crate) use weights::{MaskWeight, StepPhoto, Weights, nearest};

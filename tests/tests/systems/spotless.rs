@@ -1,27 +1,16 @@
 //! SpotLessSplats as a system, with and without features beside the photos: same bits, masks that find what stands in the way and are worth it,
 //! features that do not fit.
 
+use crate::wild_clouds::{SIDE, planned, trained};
 use engine::data::Dataset;
-use engine::options::{Background, Plan, RunOptions, parse_set};
 use engine::render::{plain_query, render};
-use engine::system::{System, SystemError};
+use engine::system::System;
 use scene_io::synthetic::{TabletopOptions, tabletop};
 use scene_io::{PerturbationKind, Scene, perturb};
 use std::path::{Path, PathBuf};
-use systems::registry::build;
 use tests::{assert_same_bits, state_after, views, write_features};
 
-const SIDE: u32 = 48;
-const SMALL: [&str; 8] = [
-    "start=random",
-    "start_count=1500",
-    "max_splats=4000",
-    "densify_from=40",
-    "densify_every=20",
-    "coarse=0",
-    "smoothing=0",
-    "horizon=600",
-];
+const NAME: &str = "spotless";
 /// Cells of features along a side.
 const CELLS: usize = 12;
 
@@ -29,20 +18,6 @@ fn scene(views: usize) -> Scene {
     let options =
         TabletopOptions { width: SIDE, height: SIDE, train: views, test: 2, rays: 1, ..TabletopOptions::default() };
     perturb(tabletop(&options), PerturbationKind::Occluder, 3)
-}
-
-fn planned(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<(Box<dyn System>, Plan), SystemError> {
-    let set = SMALL.iter().chain(set).map(|s| parse_set(s).unwrap()).collect();
-    let run = RunOptions { seed: 3, background: Some(Background::White), error_budget: None, stop: None, set };
-    build(name, scene, train, &run)
-}
-
-fn trained(scene: &Scene, train: &Dataset, set: &[&str], steps: u64) -> Box<dyn System> {
-    let mut system = planned("spotless", scene, train, set).unwrap().0;
-    for step in 0..steps {
-        system.step(train, step).unwrap();
-    }
-    system
 }
 
 fn is_hidden(scene: &Scene, train: &Dataset, view: usize, x: u32, y: u32) -> bool {
@@ -154,17 +129,17 @@ fn masks_find_what_stands_before_the_scene_and_those_of_features_are_worth_it() 
     let folder = tempfile::tempdir().unwrap();
     let mut scene = scene(24);
     let (train, test) = views(&scene, 1);
-    let none = trained(&scene, &train, &["occluders=none"], 600);
+    let none = trained(NAME, &scene, &train, &["occluders=none"], 600);
     let off = error_of_others(&test, none.as_ref());
-    let errors = trained(&scene, &train, &[], 600);
+    let errors = trained(NAME, &scene, &train, &[], 600);
     let (by_errors, (f1, share)) = (error_of_others(&test, errors.as_ref()), found(&scene, &train, errors.as_ref()));
     println!("none: off by {off}; errors: {by_errors}, F1 {f1:.2}, {share:.2} found");
-    let fewer = trained(&scene, &train, &["inlier_share=0.9"], 600);
+    let fewer = trained(NAME, &scene, &train, &["inlier_share=0.9"], 600);
     let (by_fewer, f1_of_fewer) = (error_of_others(&test, fewer.as_ref()), found(&scene, &train, fewer.as_ref()).0);
     println!("errors, fewer left out: off by {by_fewer}, F1 {f1_of_fewer:.2}");
     assert!(f1_of_fewer > f1);
     with_features(&mut scene, &train, folder.path());
-    let features = trained(&scene, &train, &[], 600);
+    let features = trained(NAME, &scene, &train, &[], 600);
     let by_features = error_of_others(&test, features.as_ref());
     let (f1_of_features, share_of_features) = found(&scene, &train, features.as_ref());
     println!("features: off by {by_features}, F1 {f1_of_features:.2}, {share_of_features:.2} found");

@@ -1,6 +1,6 @@
 //! Clouds that read their colours in a reference photo: any photo has an appearance without a fit, and it is worth what it costs.
 
-use crate::wild_clouds::{SIDE, off, off_photos, photo, scene, system, trained};
+use crate::wild_clouds::{SIDE, check_bits, check_worth, off, photo, scene, trained};
 use engine::halt::Halt;
 use engine::options::{RunOptions, parse_set};
 use engine::render::{plain_query, render};
@@ -9,23 +9,14 @@ use scene_io::PerturbationKind;
 use std::sync::Arc;
 use systems::registry::build;
 use systems::splats::Cloud;
-use tests::{assert_same_bits, state_after, views};
+use tests::views;
 
 const NAME: &str = "gs-w";
 
 #[test]
 fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
     let field = ["start=field", "field_steps=3", "refill=0.5", "judge_first=1"];
-    for set in [&["judge_first=2"][..], &["occluders=visibility", "judge_from=0.0"], &field] {
-        println!("{set:?}");
-        assert_same_bits(|steps, state| {
-            let scene = scene(8, PerturbationKind::Both);
-            let train = views(&scene, 1).0;
-            let often = ["densify_from=1", "densify_every=2", "densify_gradient=1e-6"];
-            let set: Vec<&str> = set.iter().copied().chain(often).collect();
-            state_after(system(NAME, &scene, &train, &set), &train, steps, state)
-        });
-    }
+    check_bits(NAME, &[&["judge_first=2"], &["occluders=visibility", "judge_from=0.0"], &field]);
 }
 
 #[test]
@@ -78,16 +69,7 @@ fn an_appearance_changes_colours_alone_is_read_off_another_photo_and_baked() {
 
 #[test]
 fn maps_of_each_photo_are_worth_what_they_cost() {
-    let scene = scene(24, PerturbationKind::Colour);
-    let train = views(&scene, 1).0;
-    let error = |set: &[&str]| {
-        let system = trained(NAME, &scene, &train, &[&["occluders=none", "sh_degree=1"], set].concat(), 600);
-        off_photos(system.as_ref(), &train)
-    };
-    let (with, without) = (error(&[]), error(&["appearance=none"]));
-    println!("with maps {with}, without {without}");
-    // 3 dB.
-    assert!(with < 0.708 * without, "with maps off by {with}, without by {without}");
+    check_worth(NAME);
 }
 
 #[test]

@@ -14,6 +14,7 @@
 //! the front: things that stand in the way. How both are put together: [`crate::cloud_layers`]. What differs from the paper, and why:
 //! `docs/decisions/0066-degauss.md`.
 
+use super::four_d_gaussians;
 use super::layers::{FrontConfig, LayerParts};
 use super::recipe::Recipe;
 use super::splat;
@@ -21,9 +22,7 @@ use super::start::StartKind;
 use crate::claims::Claim;
 use crate::cloud_layers::LayerSettings;
 use crate::cloud_motion::{MotionParts, MotionSettings};
-use crate::fields::{PlaneGridSettings, PlaneGridSource};
 use crate::plan::{Ask, Built};
-use crate::views::L1DssimConfig;
 use std::sync::Arc;
 
 /// What differs from the paper.
@@ -52,36 +51,10 @@ const LAYERS: LayerSettings = LayerSettings {
     front_brightness: 0.125,
 };
 
-/// Those of `4dgs` here; opacities and colours change, too.
-const MOTION: MotionSettings = MotionSettings {
-    motion_from: 0.1,
-    motion_width: 64,
-    motion_layers: 0,
-    motion_opacity: true,
-    motion_colour: true,
-    motion_lr: 1.6e-3,
-    motion_lr_end: 1.6e-4,
-    motion_feature_lr: 1.6e-2,
-    motion_feature_lr_end: 1.6e-3,
-    motion_coherence: 0.0,
-    motion_reach: 0.02,
-};
-
-/// The planes of clips, with 16 features as published.
-fn planes() -> PlaneGridSettings {
-    PlaneGridSettings {
-        plane_vertices: 64,
-        plane_scales: vec![1, 2],
-        plane_features: 16,
-        plane_times: 0,
-        plane_variation: 0.0,
-        plane_smoothness: 0.06,
-        plane_transients: 6e-4,
-    }
-}
-
+/// That of `4dgs` here; opacities and colours change, too.
 fn motion(times: Arc<[f32]>) -> MotionParts {
-    MotionParts { settings: MOTION, features: PlaneGridSource::new(planes(), times) }
+    let settings = MotionSettings { motion_opacity: true, motion_colour: true, ..four_d_gaussians::MOTION };
+    four_d_gaussians::moving(settings, times)
 }
 
 static RECIPE: Recipe = Recipe {
@@ -91,7 +64,7 @@ static RECIPE: Recipe = Recipe {
     rates: splat::RATES,
     density: splat::CONTROL,
     pictures: splat::PICTURES,
-    loss: L1DssimConfig { dssim: 0.2 },
+    loss: None,
     motion: Some(motion),
     photos: None,
     layers: Some(LayerParts { settings: LAYERS, front: FrontConfig { front_count: 10_000, front_max: 40_000 } }),

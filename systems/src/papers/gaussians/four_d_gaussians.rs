@@ -41,7 +41,7 @@ const LOSS: L1DssimConfig = L1DssimConfig { dssim: 0.0 };
 
 /// The released networks for D-NeRF's scenes, in which the first 3 000 of 23 000 steps are of what stands still. Rates there fall from
 /// 1.6e-4 to 1.6e-6 and from 1.6e-3 to 1.6e-5, in 20 000 steps.
-const MOTION: MotionSettings = MotionSettings {
+pub(super) const MOTION: MotionSettings = MotionSettings {
     motion_from: 0.1,
     motion_width: 64,
     motion_layers: 0,
@@ -68,8 +68,13 @@ fn planes() -> PlaneGridSettings {
     }
 }
 
+/// What moves a cloud with these settings, by the times of the photos.
+pub(super) fn moving(settings: MotionSettings, times: Arc<[f32]>) -> MotionParts {
+    MotionParts { settings, features: PlaneGridSource::new(planes(), times) }
+}
+
 fn motion(times: Arc<[f32]>) -> MotionParts {
-    MotionParts { settings: MOTION, features: PlaneGridSource::new(planes(), times) }
+    moving(MOTION, times)
 }
 
 /// The cloud is that of `splat`, of fewer Gaussians; only what moves it, and the loss, are its own.
@@ -80,7 +85,7 @@ static RECIPE: Recipe = Recipe {
     rates: splat::RATES,
     density: splat::CONTROL,
     pictures: splat::PICTURES,
-    loss: LOSS,
+    loss: Some(LOSS),
     motion: Some(motion),
     photos: None,
     layers: None,

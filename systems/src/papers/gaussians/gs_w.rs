@@ -65,7 +65,7 @@ static RECIPE: Recipe = Recipe {
     rates: splat::RATES,
     density: splat::CONTROL,
     pictures: splat::PICTURES,
-    loss: L1DssimConfig { dssim: 0.2 },
+    loss: Some(L1DssimConfig { dssim: 0.2 }),
     motion: None,
     photos: Some(PhotoParts {
         appearance: CloudAppearance::Maps,

@@ -25,9 +25,9 @@ pub(super) struct LayerParts {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FrontConfig {
-    /// It begins as so many Gaussians at random places,
+    /// Number of Gaussians at the start, at random places.
     pub(super) front_count: usize,
-    /// and never has more than these.
+    /// Most Gaussians that it ever has.
     pub(super) front_max: usize,
 }
 

@@ -151,8 +151,12 @@ pub(super) struct PhotoKnowledge {
 enum OwnRows {
     Nothing,
     Code(f64),
-    /// And places in so many maps, by the seed.
-    CodeAndPlaces(f64, usize, u64),
+    /// A code, and where it looks in each of `maps` feature maps at the start.
+    CodeAndPlaces {
+        rate: f64,
+        maps: usize,
+        seed: u64,
+    },
 }
 
 impl PhotoKnowledge {
@@ -163,7 +167,7 @@ impl PhotoKnowledge {
         match self.rows {
             OwnRows::Nothing => ExtraRows::default(),
             OwnRows::Code(rate) => of(PlaceCodes::ROWS, rate, RowStart::Place(codes())),
-            OwnRows::CodeAndPlaces(rate, maps, seed) => {
+            OwnRows::CodeAndPlaces { rate, maps, seed } => {
                 let samples = SamplePlaces::of(start, maps, seed);
                 let rows = PlaceCodes::ROWS + SamplePlaces::rows_of(maps);
                 of(rows, rate, RowStart::PlaceAndSamples(codes(), samples))
@@ -206,7 +210,8 @@ impl AskedPhotos {
             }
             AskedAppearance::Maps(maps) => {
                 let part = FeatureMaps::new(maps, photos, horizon, seed)?;
-                (OwnRows::CodeAndPlaces(maps.place_code_lr, maps.sampled_maps, seed), Some(Box::new(part)))
+                let rows = OwnRows::CodeAndPlaces { rate: maps.place_code_lr, maps: maps.sampled_maps, seed };
+                (rows, Some(Box::new(part)))
             }
         })
     }

@@ -15,8 +15,8 @@ use crate::views::cloud_frame::CloudFrame;
 use crate::views::start::scene_box;
 use crate::views::{
     CloudConfig, CloudMotion, CloudRates, CloudTraining, DensityConfig, DensityRules, ExtraRows, L1Dssim,
-    L1DssimConfig, MaskWeight, PhotoTimes, PictureConfig, PlannedDensity, SplitConfig, TrainedCloud, ViewParts,
-    ViewSpaceGradient, Views, refused,
+    L1DssimConfig, MaskWeight, PhotoTimes, PictureConfig, PictureTerm, PlannedDensity, SplitConfig, TrainedCloud,
+    ViewParts, ViewSpaceGradient, Views, refused,
 };
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions, Stop};
@@ -44,7 +44,8 @@ pub(super) struct Recipe {
     pub(super) rates: CloudRates,
     pub(super) density: PlannedDensity,
     pub(super) pictures: PictureConfig,
-    pub(super) loss: L1DssimConfig,
+    /// `None`: the parts have costs of their own.
+    pub(super) loss: Option<L1DssimConfig>,
     /// What moves the cloud; `None`: it stands still.
     pub(super) motion: Option<MotionOf>,
     /// What photos differ in; `None`: in nothing but what they see.
@@ -86,10 +87,10 @@ impl Recipe {
         let start = at.start(cloud, &layout, &asked.frame, data, seeing, run.seed)?;
         let mut training = asked.training;
         let (mut appearance, mut judge, mut surveys) = (None, None, None);
-        let mut loss = L1Dssim::new(Simd::best(), &asked.loss);
+        let mut loss = asked.loss.as_ref().map(|loss| L1Dssim::new(Simd::best(), loss));
         if let Some(photos) = photos {
             training.extra = photos.rows(&start.cloud);
-            loss = loss.with_structure(photos.structure);
+            loss = loss.map(|loss| loss.with_structure(photos.structure));
             (appearance, judge, surveys) = (photos.appearance, photos.judge, photos.surveys);
         }
         let begin = if field.is_some_and(|field| field.terms.seeds.is_some()) {
@@ -110,8 +111,7 @@ impl Recipe {
             frame: asked.frame,
             pictures: asked.pictures,
             clouds: [behind].into_iter().chain(front).collect(),
-            // Two clouds that are put together have costs of their own.
-            terms: if layers.is_some() { Vec::new() } else { vec![Box::new(loss)] },
+            terms: loss.into_iter().map(|loss| Box::new(loss) as Box<dyn PictureTerm>).collect(),
             weights: vec![Box::new(MaskWeight)],
             appearance,
             judge,
@@ -285,9 +285,10 @@ impl Planned {
         training.rates.check()?;
         training.density.check()?;
         let start = self.start.asked(points, &training, &frame, settings, self.field_steps, seed)?;
-        let (pictures, loss) = (settings.of(&self.pictures)?, settings.of(&self.recipe.loss)?);
+        let pictures = settings.of(&self.pictures)?;
+        let loss = self.recipe.loss.as_ref().map(|loss| settings.of(loss)).transpose()?;
         pictures.check()?;
-        loss.check()?;
+        loss.as_ref().map_or(Ok(()), L1DssimConfig::check)?;
         let motion =
             self.recipe.motion.map(|motion| AskedMotion::new(motion(self.times.clone()), settings)).transpose()?;
         let horizon = self.rates.horizon;
@@ -302,7 +303,7 @@ pub(super) struct AskedParts {
     pub(super) training: CloudTraining,
     pub(super) frame: CloudFrame,
     pictures: PictureConfig,
-    loss: L1DssimConfig,
+    loss: Option<L1DssimConfig>,
     pub(super) start: AskedStart,
     motion: Option<AskedMotion>,
     photos: Option<AskedPhotos>,

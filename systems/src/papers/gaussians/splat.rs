@@ -91,7 +91,7 @@ static RECIPE: Recipe = Recipe {
     rates: RATES,
     density: CONTROL,
     pictures: PICTURES,
-    loss: LOSS,
+    loss: Some(LOSS),
     motion: None,
     photos: None,
     layers: None,

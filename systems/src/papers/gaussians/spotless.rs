@@ -43,7 +43,7 @@ static RECIPE: Recipe = Recipe {
     rates: splat::RATES,
     density: CONTROL,
     pictures: splat::PICTURES,
-    loss: L1DssimConfig { dssim: 0.0 },
+    loss: Some(L1DssimConfig { dssim: 0.0 }),
     motion: None,
     photos: Some(PhotoParts {
         appearance: CloudAppearance::None,

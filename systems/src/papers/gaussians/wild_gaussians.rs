@@ -78,7 +78,7 @@ static RECIPE: Recipe = Recipe {
     rates: splat::RATES,
     density: splat::CONTROL,
     pictures: splat::PICTURES,
-    loss: L1DssimConfig { dssim: 0.2 },
+    loss: Some(L1DssimConfig { dssim: 0.2 }),
     motion: None,
     photos: Some(PHOTOS),
     layers: None,
