@@ -12,5 +12,5 @@ mod settings;
 mod tests;
 mod tone;
 
-pub(crate) use settings::{AppearanceChoice, CloudAppearance, ToneSettings};
+pub(crate) use settings::{AppearanceChoice, CloudAppearance, ToneSettings, rate_left};
 pub(crate) use tone::Tone;

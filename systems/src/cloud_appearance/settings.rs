@@ -62,9 +62,9 @@ impl ToneSettings {
             positive("tone_lr", self.tone_lr),
         ])
     }
+}
 
-    /// What is left of a rate at a share of the schedule, from 0 to 1: a tenth at its end.
-    pub(super) fn left(share: f64) -> f64 {
-        0.1_f64.powf(share.clamp(0.0, 1.0))
-    }
+/// What is left of a rate at a share of the schedule, from 0 to 1: a tenth at its end.
+pub(crate) fn rate_left(share: f64) -> f64 {
+    0.1_f64.powf(share.clamp(0.0, 1.0))
 }

@@ -7,7 +7,7 @@
 //!
 //! The code of the photo is the same for all Gaussians: what the first layer makes of it is added to the biases once.
 
-use super::settings::ToneSettings;
+use super::settings::{ToneSettings, rate_left};
 use crate::buffers::sized;
 use crate::codes::CodeTable;
 use crate::fields::{NetworkParameters, RowNetwork};
@@ -281,7 +281,7 @@ impl Learns for Tone {
             return 0;
         }
         let gradient = self.gradient();
-        let left = ToneSettings::left(step as f64 / self.horizon.max(1) as f64);
+        let left = rate_left(step as f64 / self.horizon.max(1) as f64);
         let mut bad = self.params.step(simd, left * self.settings.tone_lr, &gradient);
         for held in std::mem::take(&mut self.held) {
             if let Some(view) = held.view {
@@ -302,8 +302,10 @@ impl Learns for Tone {
     }
 
     fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
-        self.params.load(state)?;
+        let mut params = self.params.clone();
+        params.load(state)?;
         self.codes.load_state(state)?;
+        self.params = params;
         self.held.clear();
         Ok(())
     }

@@ -10,8 +10,10 @@ use super::map_network::{MapMemory, MapNetwork};
 use super::reference::{CAMERA, Code, Reference};
 use super::sampling::Texels;
 use super::settings::MapSettings;
+use crate::cloud_appearance::rate_left;
 use crate::fields::{NetworkParameters, RowNetwork};
 use crate::views::{ColourAppearance, ColourBars, DrawnCloud, Learns, PlaceCodes, SeenPhoto, VisibleCloud};
+use engine::memory::room_for;
 use engine::system::{Appearance, SystemError, Tensor, TensorMap, f32_tensor, take_numbers};
 use field_core::mlp::MlpConfig;
 use field_core::rng::Rng;
@@ -72,6 +74,8 @@ impl FeatureMaps {
     /// [`SystemError::Config`] for settings that cannot work.
     pub(crate) fn new(settings: MapSettings, photos: usize, horizon: u64, seed: u64) -> Result<Self, SystemError> {
         settings.check()?;
+        let numbers = 3 * settings.encoder_side * settings.encoder_side + CAMERA;
+        room_for("encoder_side", settings.encoder_side, photos.saturating_mul(numbers))?;
         let rng = Rng::new(seed, STREAM);
         let network = MapNetwork::new(&settings)?;
         let encoder = NetworkParameters::new(ENCODER, network.init(rng.substream(0)), AdamConfig::DEFAULT);
@@ -91,7 +95,7 @@ impl FeatureMaps {
             fusion,
             tones: NetworkParameters::new(TONES, params, AdamConfig::DEFAULT),
             simd: Simd::best(),
-            photos: vec![0.0; photos * (3 * settings.encoder_side * settings.encoder_side + CAMERA)],
+            photos: vec![0.0; photos * numbers],
             settings,
             current: None,
             held: None,
@@ -160,7 +164,7 @@ impl FeatureMaps {
             let (pixels, camera) = self.photo(*view)?;
             Some(self.encoded(pixels, &camera, memory))
         };
-        // So many at a time as have room, in their order.
+        // Sixteen photos at a time bound the memory; they are summed in their order.
         let mut sum = vec![0.0; self.settings.map_numbers() + CAMERA];
         for views in seen.chunks(16) {
             let codes: Vec<Option<Vec<f32>>> = views.par_iter().map_init(MapMemory::default, encode).collect();
@@ -254,6 +258,10 @@ impl ColourAppearance for FeatureMaps {
         }
     }
 
+    fn looks(&self) -> bool {
+        true
+    }
+
     fn look_at(&mut self, step: u64, view: usize, photo: &SeenPhoto<'_>) {
         let side = self.settings.encoder_side;
         let Some(whole) = Reference::of(photo, side) else { return };
@@ -263,6 +271,8 @@ impl ColourAppearance for FeatureMaps {
             pixels.copy_from_slice(&whole.pixels);
             camera.copy_from_slice(&whole.camera);
         }
+        // The mean of the photos is another one now.
+        self.cached = Mutex::default();
         let rng = Rng::new(self.seed, PARTS).substream(step);
         let [u, ..] = rng.uniform4_at(0);
         let reference = match u {
@@ -320,7 +330,7 @@ impl ColourAppearance for FeatureMaps {
         let reader = self.reader(code);
         let chunks = reader.backward(&seen.cloud, &rows(seen.gaussians), rgb, bar);
         let mut code_bar = reader.maps_bar(&chunks);
-        // A camera is no matter of taste.
+        // The camera is not learnt.
         code_bar.resize(code.len(), 0.0);
         code_bar
     }
@@ -344,7 +354,7 @@ impl Learns for FeatureMaps {
     fn step(&mut self, simd: Simd, step: u64) -> usize {
         let (held, current) = (self.held.take(), self.current.take());
         let Some(Held { tones, maps }) = held else { return 0 };
-        let left = MapSettings::left(step as f64 / self.horizon.max(1) as f64);
+        let left = rate_left(step as f64 / self.horizon.max(1) as f64);
         let mut bad = self.tones.step(simd, left * self.settings.tone_lr, &tones);
         if let Some(mut current) = current {
             let gradient = self.network.backward(&self.encoder.values, &maps, &mut current.memory);
@@ -368,9 +378,10 @@ impl Learns for FeatureMaps {
 
     fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let photos = take_numbers(state, PHOTOS, self.photos.len())?;
-        self.encoder.load(state)?;
-        self.tones.load(state)?;
-        self.photos = photos;
+        let (mut encoder, mut tones) = (self.encoder.clone(), self.tones.clone());
+        encoder.load(state)?;
+        tones.load(state)?;
+        (self.encoder, self.tones, self.photos) = (encoder, tones, photos);
         self.forget();
         self.changed();
         Ok(())

@@ -14,13 +14,13 @@ const SMALLEST_PART: f32 = 0.5;
 /// A photo as it is encoded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Reference {
-    /// `[3][side][side]`, `2 srgb - 1`: the means of rectangles. Grey (0) where pixels do not count.
+    /// `[3][side][side]`, `2 srgb - 1`: the means of rectangles, of their pixels that count. Grey (0) where none does.
     pub(super) pixels: Vec<f32>,
     /// The camera: see [`camera_rows`]. All 0 where it is not known.
     pub(super) camera: [f32; CAMERA],
 }
 
-/// What a camera makes of a point `p` of the clouds' frame: three rows `a b c d`, each `a x + b y + c z + d`. The third is the depth; the
+/// A camera as three rows `a b c d`: each takes a point of the clouds' frame to `a x + b y + c z + d`. The third is the depth; the
 /// first two divided by it are the place on the photo, 0 to 1 along each side.
 pub(super) fn camera_rows(view: &View) -> [f32; CAMERA] {
     let mut rows = [0.0; CAMERA];
@@ -73,6 +73,16 @@ impl Reference {
             planes.flat_map(|plane| places.iter().map(|&i| if counts(i) { around(plane[i]) } else { 0.0 })).collect();
         let mut pixels = vec![0.0; 3 * side * side];
         shapes_hold(adaptive_mean(&colours, 3, size, Extent::new(side, side), &mut pixels));
+        if photo.weights.is_some() {
+            // Means of the pixels that count.
+            let used: Vec<f32> = places.iter().map(|&i| f32::from(u8::from(counts(i)))).collect();
+            let mut shares = vec![0.0; side * side];
+            shapes_hold(adaptive_mean(&used, 1, size, Extent::new(side, side), &mut shares));
+            for plane in pixels.chunks_exact_mut(side * side) {
+                let each = plane.iter_mut().zip(&shares).filter(|(_, share)| **share > 0.0);
+                each.for_each(|(x, share)| *x /= share);
+            }
+        }
         let mut camera = photo.view.map_or([0.0; CAMERA], camera_rows);
         for (axis, [first, end]) in part.into_iter().enumerate() {
             let [first, end] = [first, end].map(|x| x as f32 / photo.size[axis] as f32);

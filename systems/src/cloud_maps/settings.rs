@@ -57,11 +57,6 @@ impl MapSettings {
         ])
     }
 
-    /// What is left of a rate at a share of the schedule, from 0 to 1: a tenth at its end.
-    pub(super) fn left(share: f64) -> f64 {
-        0.1_f64.powf(share.clamp(0.0, 1.0))
-    }
-
     /// Maps of a photo: the one that Gaussians are projected into, then those in which they have places.
     pub(super) fn maps(&self) -> usize {
         1 + self.sampled_maps

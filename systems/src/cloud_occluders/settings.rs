@@ -15,7 +15,7 @@ pub(crate) enum CloudOccluders {
     Residual,
     /// What is further from its render than most pixels of the last photos is left out.
     Errors,
-    /// What features of the photos say is like that is left out.
+    /// Pixels whose features look like those of badly rendered pixels are left out.
     Features,
     /// `features` where photos have them as files, else `errors`.
     Auto,

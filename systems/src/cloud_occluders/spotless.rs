@@ -135,7 +135,7 @@ fn counts(inlier: bool) -> f32 {
 impl RenderJudge for ErrorJudge {
     fn weights(&mut self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>> {
         let errors = Errors::of(beside);
-        self.seen = Some(ErrorHistogram::counts(&errors, beside.before));
+        let counted = ErrorHistogram::counts(&errors, beside.before);
         let chance = self.chance(step);
         let inliers = |share: f32| errors.inliers(self.histogram.quantile(share));
         let mut mask: Vec<f32> = match &mut self.rule {
@@ -149,6 +149,7 @@ impl RenderJudge for ErrorJudge {
                 judged.mask
             }
         };
+        self.seen = Some(counted);
         let rng = self.chances.substream(step);
         for (i, m) in mask.iter_mut().enumerate() {
             *m = counts(rng.uniform_at(i as u64) < chance + (1.0 - chance) * *m);

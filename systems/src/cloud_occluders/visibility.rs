@@ -11,6 +11,7 @@
 //! # Source
 //! Zhang et al., "Gaussian in the Wild", 2024, section 3.4.
 
+use super::error_histogram::Errors;
 use super::structure_parts::Plane;
 use crate::views::{Beside, RenderJudge, first_of, positive, unless};
 use engine::system::SystemError;
@@ -63,17 +64,11 @@ impl VisibilityJudge {
     }
 
     fn visibility(&self, beside: &Beside<'_>) -> Vec<f32> {
-        let [width, height] = beside.size;
-        let pixels = width * height;
-        if pixels == 0 {
+        if beside.size.contains(&0) {
             return Vec::new();
         }
-        let mut values = vec![0.0; pixels];
-        for (render, photo) in beside.render.chunks_exact(pixels).zip(beside.photo.chunks_exact(pixels)).take(3) {
-            let each = values.iter_mut().zip(render).zip(photo);
-            each.for_each(|((sum, render), photo)| *sum += (render - photo).abs() / 3.0);
-        }
-        let residual = Plane { size: beside.size, values }.smaller(SQUARE).interpolated(beside.size);
+        let Errors { size, values } = Errors::of(beside);
+        let residual = Plane { size, values }.smaller(SQUARE).interpolated(beside.size);
         residual.values.into_iter().map(|r| self.of(r)).collect()
     }
 }

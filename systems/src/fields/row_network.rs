@@ -105,6 +105,7 @@ impl RowNetwork {
 }
 
 /// The parameters of networks, and their optimiser.
+#[derive(Clone)]
 pub(crate) struct NetworkParameters {
     /// Name in checkpoints.
     name: &'static str,

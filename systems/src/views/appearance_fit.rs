@@ -1,6 +1,6 @@
 //! The appearance of a photo that was not trained on: the code that explains some of its pixels best, the clouds as they are.
 //!
-//! Where the appearance has an encoder, the code is what that makes of the pixels, and nothing is tried.
+//! Where the appearance has an encoder, it gives the code at once, without steps.
 //!
 //! The pixels are gathered in a small picture of a pinhole camera, whatever lens their rays came through. Geometry does not depend on
 //! the code, so Gaussians are projected once; a step colours, composites and compares them (WildGaussians, section 3.4).
@@ -15,6 +15,7 @@ use glam::{DMat3, DVec3};
 use losses::dssim::{Dssim, Pair, Target};
 use optim::{Adam, AdamConfig};
 use render_core::camera::{Camera, Pose};
+use render_core::ray::Ray;
 use scene_io::Image;
 use splat_core::{ProjectedGradient, Raster};
 use std::sync::Arc;
@@ -43,7 +44,7 @@ impl Gathered {
         let o = pixels.rays.first()?.o;
         let sum: DVec3 = pixels.rays.iter().map(|ray| ray.d.normalize_or_zero()).sum();
         let z = sum.try_normalize()?;
-        let x = z.any_orthonormal_vector();
+        let x = right(pixels.rays, z);
         let r = DMat3::from_cols(x, z.cross(x), z);
         let tangent = |d: DVec3| {
             let d = r.transpose() * d.normalize_or_zero();
@@ -72,6 +73,14 @@ impl Gathered {
         let camera = Camera::pinhole(width as u32, height as u32, f, f, -low[0] * f, -low[1] * f, pose);
         Some(Self { camera, colour, weights: counts.iter().map(|count| count.min(1.0)).collect() })
     }
+}
+
+/// Right in the photo, across `z`. Rays come row by row, and neighbours in a row are nearest: each step from ray to ray counts by one over
+/// its length.
+fn right(rays: &[Ray], z: DVec3) -> DVec3 {
+    let steps = rays.windows(2).map(|pair| pair[1].d.normalize_or_zero() - pair[0].d.normalize_or_zero());
+    let sum: DVec3 = steps.filter(|step| step.length_squared() > 0.0).map(|step| step / step.length_squared()).sum();
+    sum.reject_from_normalized(z).try_normalize().unwrap_or_else(|| z.any_orthonormal_vector())
 }
 
 /// See [`engine::system::System::encode_appearance`]. What a mask leaves out says nothing; the camera is not known.
@@ -161,7 +170,6 @@ mod tests {
     use super::*;
     use engine::halt::Halt;
     use glam::DVec2;
-    use render_core::ray::Ray;
 
     #[test]
     fn rays_of_a_photo_are_gathered_where_its_camera_sees_them() {
@@ -178,6 +186,7 @@ mod tests {
         let fit =
             Fit { rays: &rays, rgb: &rgb, time: 0.0, background: [0.0; 3], steps: 1, lr: 0.1, seed: 0, halt: &halt };
         let photo = Gathered::new(&fit).unwrap();
+        assert!(photo.camera.pose.r.col(0).dot(pose.r.col(0)) > 0.9, "it stands upright");
         let n = photo.weights.len();
         let filled = photo.weights.iter().filter(|w| **w == 1.0).count();
         assert!(filled > 300 && photo.weights.iter().all(|w| *w == 0.0 || *w == 1.0), "{filled} of {n}");

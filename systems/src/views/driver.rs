@@ -84,7 +84,7 @@ pub(crate) enum PhotoTimes {
 }
 
 impl PhotoTimes {
-    fn of(self, data: &Dataset, view: usize) -> f64 {
+    pub(crate) fn of(self, data: &Dataset, view: usize) -> f64 {
         match self {
             Self::Own => data.view(view).time,
             Self::Order => view as f64 / data.len().saturating_sub(1).max(1) as f64,
@@ -254,7 +254,7 @@ impl Views {
         camera_gradient: Option<&mut CameraGradient>,
     ) -> Result<Outcome, SystemError> {
         let settings = self.parts.pictures.raster();
-        if let Some(part) = &mut self.parts.appearance {
+        if let Some(part) = self.parts.appearance.as_mut().filter(|part| part.looks()) {
             // On the one that photos are encoded on wherever no step is made.
             let colour = self.target.on(self.parts.background.colour());
             let photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(view) };
@@ -315,7 +315,8 @@ impl Views {
         let outcome = self.compare(step, view, shown, None)?;
         let judge_bad = self.parts.judge.as_deref_mut().map_or(0, |part| part.learn(self.simd));
         if self.target.weights.are_zero() {
-            // The judge left nothing of the photo.
+            // The judge left nothing of the photo: no part has a step, and what it holds is of this one.
+            self.parts.appearance.iter_mut().for_each(|part| part.forget());
             self.note(&Skipped { blank: [1, 0], ..Skipped::default() });
             self.guard.record(judge_bad)?;
             return Ok(StepStats { nonfinite: judge_bad as u64, ..StepStats::default() });

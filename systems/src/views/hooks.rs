@@ -59,6 +59,11 @@ pub(crate) trait ColourAppearance: Learns {
     /// The code of an appearance.
     fn code(&self, appearance: &Appearance) -> Vec<f32>;
 
+    /// Whether it is shown the photos of steps: [`look_at`](Self::look_at).
+    fn looks(&self) -> bool {
+        false
+    }
+
     /// Step `step` is about to compare the photo of a view: what comes before the next [`step`](Learns::step) or
     /// [`forget`](Learns::forget) in the appearance of that view is of the step.
     fn look_at(&mut self, _step: u64, _view: usize, _photo: &SeenPhoto<'_>) {}

@@ -43,7 +43,7 @@ impl Views {
         let size = data.whole_view(view, stride, &mut batch)?;
         let camera = smaller(&camera, size, stride);
         let plain = plain_query(self.parts.background.colour(), 0.0);
-        let query = Query { appearance: Appearance::View(view), time: data.view(view).time, ..plain };
+        let query = Query { appearance: Appearance::View(view), time: self.parts.times.of(data, view), ..plain };
         let layers = self.picture(&self.clouds_at(query.time), &camera, &query);
         let mut truth = Vec::new();
         batch.over(std::iter::repeat(query.background), &mut truth);

@@ -282,9 +282,9 @@ impl AskedPhotos {
                 (judge.judge_from * horizon as f64) as u64
             ),
             AskedOccluders::Errors(errors) => format!(
-                "occluders: the share {} of pixels that are furthest from their renders is left out (RobustFilter; without \
-                 `.features.npy` beside the photos, or not asked for)",
-                1.0 - errors.inlier_share
+                "occluders: in each photo pixels with errors above those of {:.0} % of the last photos' pixels are left out \
+                 (RobustFilter; with `.features.npy` beside the photos a network could say more)",
+                100.0 * errors.inlier_share
             ),
             AskedOccluders::Features(_) => {
                 "occluders: a network says by features of the photos what is left out (SLS-mlp)".to_owned()

@@ -77,7 +77,7 @@ impl Recipe {
         lines.extend(asked.photos.iter().flat_map(|photos| photos.lines(horizon)));
         lines.extend(asked.motion.as_ref().map(|motion| motion.line(&asked)));
         let seeing = if motion.is_some() { Seeing::ManyTimes } else { Seeing::OneTime };
-        let times = photo_times(&planned.times, data);
+        let times = planned.photo_times;
         let layers = asked.layers.map(|layers| layers.parts(&asked, &layout, data, times, run.seed)).transpose()?;
         lines.extend(asked.layers.iter().map(|layers| layers.line(times)));
         let AskedStart { at, field } = asked.start;
@@ -179,6 +179,7 @@ struct Planned {
     pace: Option<CloudPace>,
     /// Times of the photos, where the cloud moves.
     times: Arc<[f32]>,
+    photo_times: PhotoTimes,
     seen: Seen,
     /// Why places are known to be empty, where they are.
     free_space: Option<String>,
@@ -196,6 +197,7 @@ impl Planned {
             density: recipe.density.schedule,
             pictures: recipe.pictures,
             pace: None,
+            photo_times: PhotoTimes::Own,
             times: Arc::default(),
             seen: Seen::default(),
             free_space: None,
@@ -244,6 +246,7 @@ impl Planned {
         // What moves is where another photo sees through.
         let free_space = if moves { None } else { free_space_line(data) };
         let schedule = recipe.density.schedule;
+        let (photo_times, times) = times_of(recipe, data);
         Ok(Self {
             cloud: CloudConfig {
                 centre: frame.centre,
@@ -258,7 +261,8 @@ impl Planned {
             density: DensityConfig { free_space: free_space.is_some(), densify_until: horizon / 5 * 4, ..schedule },
             pictures: PictureConfig { coarse, coarse_steps, ..recipe.pictures },
             pace: Some(pace),
-            times: if moves { times_of(recipe, data) } else { Arc::default() },
+            photo_times,
+            times,
             seen: Seen::of(scene, data),
             free_space,
             recipe,
@@ -359,17 +363,15 @@ impl AskedMotion {
     }
 }
 
-/// The times of the photos, for what moves; of a cloud in front photos without times each have one of their own, in their order.
-fn times_of(recipe: &Recipe, data: &Dataset) -> Arc<[f32]> {
-    let times = view_times(data);
-    if !times.is_empty() || recipe.layers.is_none() {
-        return times;
+/// The times that something moves by: of a cloud in front photos without times each have one of their own, in their order.
+fn times_of(recipe: &Recipe, data: &Dataset) -> (PhotoTimes, Arc<[f32]>) {
+    let own = view_times(data);
+    match (&recipe.motion, &recipe.layers) {
+        (None, _) => (PhotoTimes::Own, Arc::default()),
+        (Some(_), Some(_)) if own.is_empty() => {
+            let order = PhotoTimes::Order;
+            (order, (0..data.len()).map(|view| (2.0 * order.of(data, view) - 1.0) as f32).collect())
+        }
+        (Some(_), _) => (PhotoTimes::Own, own),
     }
-    let last = data.len().saturating_sub(1).max(1) as f32;
-    (0..data.len()).map(|k| 2.0 * k as f32 / last - 1.0).collect()
-}
-
-/// Whether the times that something moves by are those of the photos.
-fn photo_times(times: &[f32], data: &Dataset) -> PhotoTimes {
-    if !times.is_empty() && view_times(data).is_empty() { PhotoTimes::Order } else { PhotoTimes::Own }
 }

@@ -162,7 +162,7 @@ impl CountConfig {
 }
 
 impl Places {
-    /// So many random places.
+    /// `count` random places.
     pub(super) fn random(count: usize) -> Self {
         Self::Random(CountConfig { start_count: count })
     }
