@@ -101,11 +101,21 @@ pub fn time_smoothness_backward(
     let Triples { row, count } = Triples::new(plane, shape)?;
     same("plane_bar", plane.len(), plane_bar.len())?;
     let bar = 2.0 * loss_bar / count.max(1) as f64;
-    for i in 0..count {
-        let bar = bar * second_difference(plane, row, i);
-        plane_bar[i] += bar as f32;
-        plane_bar[i + row] -= (2.0 * bar) as f32;
-        plane_bar[i + 2 * row] += bar as f32;
+    // Row by row, so that the three rows of a triple are slices that do not overlap: their entries go through vectors.
+    for first in (0..count).step_by(row.max(1)) {
+        let rows = &plane[first..first + 3 * row];
+        let (p0, rest) = rows.split_at(row);
+        let (p1, p2) = rest.split_at(row);
+        let (bar0, rest) = plane_bar[first..first + 3 * row].split_at_mut(row);
+        let (bar1, bar2) = rest.split_at_mut(row);
+        let values = p0.iter().zip(p1).zip(p2);
+        let bars = bar0.iter_mut().zip(bar1).zip(bar2);
+        for (((&a, &b), &c), ((bar_a, bar_b), bar_c)) in values.zip(bars) {
+            let bar = bar * (f64::from(c) - 2.0 * f64::from(b) + f64::from(a));
+            *bar_a += bar as f32;
+            *bar_b -= (2.0 * bar) as f32;
+            *bar_c += bar as f32;
+        }
     }
     Ok(())
 }
@@ -125,13 +135,10 @@ pub fn distance_from_one_backward(plane: &[f32], loss_bar: f64, plane_bar: &mut 
     same("plane_bar", plane.len(), plane_bar.len())?;
     let bar = (loss_bar / plane.len().max(1) as f64) as f32;
     for (plane_bar, &p) in plane_bar.iter_mut().zip(plane) {
-        if p > 1.0 {
-            *plane_bar += bar;
-        } else if p < 1.0 {
-            *plane_bar -= bar;
-        } else if p.is_nan() {
-            *plane_bar = f32::NAN;
-        }
+        // Without branches, so that it goes through vectors: at 1 the difference is 0, and NaN stays.
+        let side = if p > 1.0 { bar } else { -bar };
+        let apart = p - 1.0;
+        *plane_bar += if apart == 0.0 || apart.is_nan() { apart } else { side };
     }
     Ok(())
 }

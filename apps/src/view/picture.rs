@@ -233,6 +233,8 @@ fn coloured(scene: &dyn Scene3d, layer: Layer, view: &Rendered, depths: Option<[
         Layer::Opacity => picture::opacity(view),
         Layer::Normals => picture::normals(view),
         Layer::Canonical => picture::canonical(view, scene.bounds()),
+        // A scene that does not know it shows all of it.
+        Layer::Background => picture::behind(view).unwrap_or_else(|| picture::colour(view)),
         // Flow needs a camera and a time; no cloud has it, so that it is never drawn over one.
         Layer::Colour | Layer::Flow | Layer::Photo | Layer::Mask | Layer::Uncertainty => picture::colour(view),
     }
@@ -287,8 +289,9 @@ pub(crate) fn query(scene: &dyn Scene3d, draw: &Draw) -> Query {
     let background = draw.background.unwrap_or_else(|| scene.background());
     // Flow is that of one surface, not of a mean over an edge.
     let median = if draw.layer == Layer::Flow { Median::Compute } else { Median::Skip };
+    let behind = if draw.layer == Layer::Background { Behind::Compute } else { Behind::Skip };
     Query {
-        layers: LayerRequest { normals, canonical, median, behind: Behind::Skip },
+        layers: LayerRequest { normals, canonical, median, behind },
         appearance: scene.appearance(&draw.appearance),
         time: draw.time,
         ..plain_query(background, ERROR_BUDGET)

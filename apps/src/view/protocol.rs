@@ -108,6 +108,8 @@ pub(crate) enum Layer {
     Canonical,
     /// Where what is seen goes until the next frame, the camera staying where it is.
     Flow,
+    /// What stands still, without what moves before it.
+    Background,
     /// A photo of the scene, as it was taken.
     Photo,
     /// What of a photo shows the place itself, as the system sees it.
@@ -117,7 +119,7 @@ pub(crate) enum Layer {
 }
 
 impl Layer {
-    pub(crate) const COUNT: usize = 9;
+    pub(crate) const COUNT: usize = 10;
 
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -127,6 +129,7 @@ impl Layer {
             Self::Normals => "normals",
             Self::Canonical => "canonical",
             Self::Flow => "flow",
+            Self::Background => "background",
             Self::Photo => "photo",
             Self::Mask => "mask",
             Self::Uncertainty => "uncertainty",
@@ -267,7 +270,18 @@ mod tests {
         assert_eq!((draw.full_size(), draw.photo, draw.background), (Size::new(80, 60), Some(2), None));
         assert!(matches!(parse(r#"{"type": "pick", "id": 1, EYE, "at": [0, 1]}"#), Ok(Message::Pick(_))));
         // The words of layers are those that scenes are described with.
-        let all = ["colour", "depth", "opacity", "normals", "canonical", "flow", "photo", "mask", "uncertainty"];
+        let all = [
+            "colour",
+            "depth",
+            "opacity",
+            "normals",
+            "canonical",
+            "flow",
+            "background",
+            "photo",
+            "mask",
+            "uncertainty",
+        ];
         assert_eq!(all.len(), Layer::COUNT);
         for (i, word) in all.into_iter().enumerate() {
             let text = format!(r#"{{"type": "draw", "id": 7, EYE, "layer": "{word}", "limit": 40}}"#);

@@ -136,6 +136,7 @@ impl Scene3d for RunScene {
             (Layer::Opacity, true),
             (Layer::Canonical, moves),
             (Layer::Flow, self.flow_system().is_some()),
+            (Layer::Background, self.system.knows_behind()),
             (Layer::Photo, true),
         ];
         let poses: Vec<Pose> = train.views().iter().map(|v| v.camera.pose).collect();

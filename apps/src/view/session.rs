@@ -219,8 +219,8 @@ fn draw_all(
 /// itself.
 fn stand_in(scene: &dyn Scene3d, draw: &Draw) -> Option<Arc<Cloud>> {
     let is_cropped = !draw.crop.keeps_everything();
-    // A cloud knows where it is, neither where that was at rest nor where it goes.
-    let is_of_scene = matches!(draw.layer, Layer::Canonical | Layer::Flow);
+    // A cloud knows where it is, neither where that was at rest nor where it goes, nor what of it moves.
+    let is_of_scene = matches!(draw.layer, Layer::Canonical | Layer::Flow | Layer::Background);
     if (scene.is_quick() && !is_cropped) || is_of_scene {
         return None;
     }

@@ -100,6 +100,11 @@ pub trait System: Send + Sync {
         None
     }
 
+    /// Whether it knows what moves from what stands still: pictures have [`Layers::behind`] where a query asks for it.
+    fn knows_behind(&self) -> bool {
+        false
+    }
+
     /// The code of an appearance; `None` for a system with one appearance only.
     fn appearance_code(&self, _appearance: &Appearance) -> Option<Vec<f32>> {
         None

@@ -219,6 +219,10 @@ impl System for Proxied {
         self.current().is_cloud()
     }
 
+    fn knows_behind(&self) -> bool {
+        self.shown().knows_behind()
+    }
+
     fn splats(&self, query: &Query) -> Option<Splats> {
         self.current().splats(query)
     }

@@ -71,7 +71,14 @@ pub fn choose_moving(_: &Scene, data: &Dataset, run: &RunOptions, purpose: Purpo
         let why = format!("a cloud that moves would do about {steps:.0} steps before the stop, it takes {STEPS:.0}");
         return Ok(Choice::new(THING, why));
     }
-    Ok(Choice::new(CLOUD, "photos show what is empty"))
+    let why = "photos show what is empty";
+    if steps.is_infinite() {
+        return Ok(Choice::new(CLOUD, why));
+    }
+    Ok(Choice::new(
+        CLOUD,
+        format!("{why}; about {steps:.0} steps of a cloud that moves before the stop, it takes {STEPS:.0}"),
+    ))
 }
 
 #[cfg(test)]

@@ -30,6 +30,9 @@ pub(crate) struct DensityConfig {
     pub(crate) densify_until: u64,
     /// and so often.
     pub(crate) densify_every: u64,
+    /// Gradients on the picture are summed over pixels without their signs, so that those of a large Gaussian over fine detail do not
+    /// cancel (Ye et al., "AbsGS", 2024): with about twice the [`densify_gradient`](SplitConfig::densify_gradient).
+    pub(crate) densify_absolute: bool,
     /// Gaussians where points are seen through are removed, every [`densify_every`](Self::densify_every) steps to the end.
     pub(crate) free_space: bool,
 }
@@ -232,6 +235,7 @@ mod tests {
                 densify_from: 0,
                 densify_until: 1000,
                 densify_every: every,
+                densify_absolute: false,
                 free_space: false,
             };
             let rules = split.rules(&schedule);

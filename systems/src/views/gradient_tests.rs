@@ -218,6 +218,7 @@ fn training(extra: ExtraRows) -> CloudTraining {
                 densify_from: 1000,
                 densify_until: 1001,
                 densify_every: 100,
+                densify_absolute: false,
                 free_space: false,
             },
             control: ControlConfig::Adc(AdcConfig { densify_gradient: 1.0, reset_every: 0, prune_size: 0.0 }),

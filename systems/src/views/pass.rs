@@ -21,7 +21,6 @@ pub(crate) enum ViewSpaceGradient {
     #[default]
     Plain,
     /// Sums of absolute values over pixels (AbsGS).
-    #[cfg_attr(not(test), expect(dead_code, reason = "no published system takes them yet"))]
     Absolute,
 }
 

@@ -154,6 +154,10 @@ impl System for Views {
         Some(Splats { gaussians, rules: raster.with_near(near) })
     }
 
+    fn knows_behind(&self) -> bool {
+        self.parts.layers.is_some()
+    }
+
     fn appearance_code(&self, appearance: &Appearance) -> Option<Vec<f32>> {
         self.parts.appearance.as_deref().map(|part| part.code(appearance))
     }

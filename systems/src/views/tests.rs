@@ -82,6 +82,7 @@ fn training(kind: DensityKind, extra: ExtraRows) -> CloudTraining {
                 densify_from: 1,
                 densify_until: 100,
                 densify_every: 5,
+                densify_absolute: false,
                 free_space: false,
             },
             control,

@@ -100,6 +100,7 @@ async function see(bytes) {
 // What the colours of a layer mean, where they do not speak for themselves.
 const HINTS = {
   flow: "Where things go until the next of 60 frames: right red, down yellow, left cyan, up violet; white stands still, black is not known",
+  background: "What stands still, without what moves before it",
 };
 
 // What they reach from and to.

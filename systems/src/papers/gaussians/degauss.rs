@@ -51,10 +51,11 @@ const LAYERS: LayerSettings = LayerSettings {
     front_brightness: 0.125,
 };
 
-/// That of `4dgs` here; opacities and colours change, too.
+/// That of `4dgs` here; opacities and colours change, too, and planes have half as many vertices of time as there are times: photos
+/// without times show another thing in each.
 fn motion(times: Arc<[f32]>) -> MotionParts {
     let settings = MotionSettings { motion_opacity: true, motion_colour: true, ..four_d_gaussians::MOTION };
-    four_d_gaussians::moving(settings, times)
+    four_d_gaussians::moving(settings, 0, times)
 }
 
 static RECIPE: Recipe = Recipe {

@@ -104,6 +104,10 @@ impl Recipe {
         if bent > 0 {
             lines.push(format!("lenses: {bent} photos are drawn onto a plane for training, and pictures from it"));
         }
+        let view_space = match training.density.schedule.densify_absolute {
+            true => ViewSpaceGradient::Absolute,
+            false => ViewSpaceGradient::Plain,
+        };
         let behind = TrainedCloud::new(training, 0, &start.cloud).map_err(refused)?;
         let (front, layers) = layers.unzip();
         let parts = ViewParts {
@@ -119,7 +123,7 @@ impl Recipe {
             layers,
             motion,
             times,
-            view_space: ViewSpaceGradient::Plain,
+            view_space,
             background,
             time,
             seed: run.seed,

@@ -65,6 +65,7 @@ const DENSITY: DensityConfig = DensityConfig {
     densify_from: 300,
     densify_until: HORIZON / 5 * 4,
     densify_every: 100,
+    densify_absolute: false,
     free_space: false,
 };
 /// Half the published threshold: how many there may be at a step is what holds them back.

@@ -2,7 +2,8 @@
 
 use super::{floats, of_sixty, operation, planned, scene_of, schedules, seen, stage, system, trained};
 use engine::data::Dataset;
-use engine::system::{System, TensorData};
+use engine::render::{plain_query, render};
+use engine::system::{Behind, LayerRequest, Query, System, TensorData};
 use std::ops::Range;
 use systems::registry::{Family, names};
 use tests::{assert_same_bits, state_after, state_of, views};
@@ -58,6 +59,7 @@ fn each_system_learns_and_shows_the_time_asked_for() {
         assert_eq!(shown[0].rgb != shown[1].rgb, moves, "{name}");
         assert_eq!(shown[1].rgb != shown[2].rgb, moves, "{name}");
         assert_eq!(seen(system.as_ref(), &train, 0.5), shown[1], "{name}: the same twice");
+        what_stands_still_is_the_same_at_all_times(system.as_ref(), &train);
         // Points of the scene, too.
         let points: Vec<[f64; 3]> = (0..200)
             .map(|i| [0, 1, 2].map(|a| ((i * [17, 31, 57][a]) % 97) as f64 / 97.0))
@@ -78,6 +80,23 @@ fn each_system_learns_and_shows_the_time_asked_for() {
         for time in [-1.0, 2.0] {
             assert!(seen(system.as_ref(), &train, time).rgb.as_flattened().iter().all(|v| v.is_finite()), "{name}");
         }
+    }
+}
+
+/// Only systems that know it show it alone.
+fn what_stands_still_is_the_same_at_all_times(system: &dyn System, train: &Dataset) {
+    let name = system.name();
+    let [first, last] = [0.0, 1.0].map(|time| {
+        let plain = plain_query([1.0; 3], 0.0);
+        let query = Query { time, layers: LayerRequest { behind: Behind::Compute, ..plain.layers }, ..plain };
+        render(system, &train.view(0).camera, &query).layers
+    });
+    assert_eq!(system.knows_behind(), name == "degauss");
+    assert_eq!(first.behind, last.behind, "{name}");
+    let pixels = if system.knows_behind() { first.rgb.len() } else { 0 };
+    assert_eq!(first.behind.len(), pixels, "{name}");
+    if pixels > 0 {
+        assert_ne!(first.behind, first.rgb, "{name}: something is in front");
     }
 }
 
