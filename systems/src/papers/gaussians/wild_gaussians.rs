@@ -18,6 +18,7 @@ use super::photos::PhotoParts;
 use super::recipe::Recipe;
 use super::splat;
 use super::start::StartKind;
+use super::wild_gs::TRIPLANE;
 use crate::claims::Claim;
 use crate::cloud_appearance::{CloudAppearance, ToneSettings};
 use crate::cloud_occluders::{CloudOccluders, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, StructureSettings};
@@ -61,6 +62,7 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     appearance: CloudAppearance::Codes,
     tone: TONE,
     maps: MAPS,
+    triplane: TRIPLANE,
     sh_degree: 1,
     structure: Structure::Plain,
     occluders: CloudOccluders::Photos,
@@ -69,6 +71,7 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     errors: ERRORS,
     features: FEATURES,
     visibility: VISIBILITY,
+    depth: None,
 };
 
 static RECIPE: Recipe = Recipe {
