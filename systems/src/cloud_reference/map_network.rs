@@ -176,6 +176,13 @@ impl MapNetwork {
         params
     }
 
+    /// Let all maps begin as zeros, but for their tones.
+    pub(crate) fn begin_at_zero(&self, params: &mut [f32]) {
+        if let Some(last) = self.layers.last() {
+            params[last.params.clone()].fill(0.0);
+        }
+    }
+
     /// The maps of `pixels` `[channels][side][side]`: `[planes][side / 2][side / 2]`.
     pub(crate) fn forward<'m>(&self, params: &[f32], pixels: &[f32], memory: &'m mut MapMemory) -> &'m [f32] {
         let MapMemory { inputs, outputs, tones, work } = memory;

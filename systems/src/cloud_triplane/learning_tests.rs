@@ -122,9 +122,9 @@ fn the_mean_is_that_of_photos_as_a_whole_and_without_them_there_are_planes_alone
     assert_eq!(triplane.code(&Appearance::View(3)), mean, "it was not seen");
     let first = mean.len() - 3;
     assert!(mean[..first].iter().all(|x| *x == 0.0));
-    for k in first..mean.len() {
+    for (k, got) in mean.iter().enumerate().skip(first) {
         let want: f32 = (0..3).map(|photo| triplane.code(&Appearance::View(photo))[k] / 3.0).sum();
-        assert!((mean[k] - want).abs() < 1e-5);
+        assert!((got - want).abs() < 1e-5);
     }
     let (alone, errors) = trained(TriplaneSettings { photo_dims: 0, ..LEARNS }, HORIZON);
     assert!(alone.code(&Appearance::Mean).iter().all(|x| *x == 0.0));

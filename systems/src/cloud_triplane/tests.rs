@@ -47,6 +47,10 @@ fn triplane(settings: TriplaneSettings) -> Triplane {
     let mut triplane = Triplane::new(settings, PHOTOS, HORIZON, 3).unwrap();
     let params = numbers(1, triplane.tone_parameters().len());
     triplane.set_tone_parameters(params.iter().map(|p| 1.4 * (p - 0.45)).collect());
+    // Features of planes begin as zeros.
+    let params = triplane.encoder_parameters();
+    let moved = params.iter().zip(numbers(5, params.len())).map(|(p, x)| p + 0.3 * (x - 0.5)).collect();
+    triplane.set_encoder_parameters(moved);
     triplane
 }
 

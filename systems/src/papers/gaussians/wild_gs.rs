@@ -49,7 +49,7 @@ pub(super) const TRIPLANE: TriplaneSettings = TriplaneSettings {
     plane_channels: 8,
     plane_crop: 0.01,
     plane_from: 0.05,
-    photo_dims: 16,
+    photo_dims: 32,
     tone_width: 32,
     tone_scale: 0.1,
     place_code_lr: 5e-3,

@@ -56,7 +56,9 @@ impl PictureTerm for DepthShapeTerm {
         let Self { factor, maps, at, drawn, known } = self;
         let (Some(depth), Some(Some(map))) = (picture.depth, maps.get(target.view)) else { return Ok(()) };
         let width = picture.size[0].max(1);
-        (at.clear(), drawn.clear(), known.clear());
+        at.clear();
+        drawn.clear();
+        known.clear();
         for (i, depth) in depth.iter().enumerate() {
             let opacity = 1.0 - picture.transmittance[i];
             let counts = target.weights.is_none_or(|weights| weights[i] > Self::COUNTS);
