@@ -44,6 +44,22 @@ pub(super) const PLANES: usize = 3;
 pub(super) const CHANNELS: usize = 7;
 
 impl TriplaneSettings {
+    /// Where nothing is said. Sizes are not published; local features come in after 1 000 of 30 000 steps there, of a cloud that begins at
+    /// points.
+    pub(crate) const PLANNED: Self = Self {
+        encoder_side: 64,
+        plane_side: 64,
+        plane_channels: 8,
+        plane_crop: 0.01,
+        plane_from: 0.05,
+        photo_dims: 32,
+        tone_width: 32,
+        tone_scale: 0.1,
+        place_code_lr: 5e-3,
+        tone_lr: 6e-3,
+        encoder_lr: 2e-3,
+    };
+
     /// # Errors
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {

@@ -205,7 +205,10 @@ pub(crate) fn check_worth(name: &str, decibels: f32) {
     };
     let (with, without) = (error(&[]), error(&["appearance=none"]));
     println!("{name}: with appearance {with}, without {without}");
-    assert!(with < 10.0_f32.powf(-decibels / 20.0) * without, "{name}: with appearance off by {with}, without by {without}");
+    assert!(
+        with < 10.0_f32.powf(-decibels / 20.0) * without,
+        "{name}: with appearance off by {with}, without by {without}"
+    );
 }
 
 #[test]

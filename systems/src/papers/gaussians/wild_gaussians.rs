@@ -18,10 +18,10 @@ use super::photos::PhotoParts;
 use super::recipe::Recipe;
 use super::splat;
 use super::start::StartKind;
-use super::wild_gs::TRIPLANE;
 use crate::claims::Claim;
 use crate::cloud_appearance::{CloudAppearance, ToneSettings};
 use crate::cloud_occluders::{CloudOccluders, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, StructureSettings};
+use crate::cloud_triplane::TriplaneSettings;
 use crate::plan::{Ask, Built};
 use crate::views::{L1DssimConfig, Structure};
 
@@ -62,7 +62,7 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     appearance: CloudAppearance::Codes,
     tone: TONE,
     maps: MAPS,
-    triplane: TRIPLANE,
+    triplane: TriplaneSettings::PLANNED,
     sh_degree: 1,
     structure: Structure::Plain,
     occluders: CloudOccluders::Photos,

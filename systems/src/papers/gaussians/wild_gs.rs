@@ -26,7 +26,6 @@ use super::wild_gaussians;
 use crate::claims::Claim;
 use crate::cloud_appearance::CloudAppearance;
 use crate::cloud_occluders::VisibilitySettings;
-use crate::cloud_triplane::TriplaneSettings;
 use crate::plan::{Ask, Built};
 use crate::views::{L1DssimConfig, Structure};
 
@@ -40,21 +39,6 @@ pub(crate) const CLAIM: Claim = Claim {
               turns colours of spherical harmonics of degree 1 instead of making them. Occluders are masks found in whole photos, as \
               `wild-gaussians` here has them; `--set occluders=visibility` is the paper's mask in closed form.",
     mark: "small networks, tones instead of colours, own masks",
-};
-
-/// Sizes are not published. Local features come in after 1 000 of 30 000 steps there, of a cloud that begins at points.
-pub(super) const TRIPLANE: TriplaneSettings = TriplaneSettings {
-    encoder_side: 64,
-    plane_side: 64,
-    plane_channels: 8,
-    plane_crop: 0.01,
-    plane_from: 0.05,
-    photo_dims: 32,
-    tone_width: 32,
-    tone_scale: 0.1,
-    place_code_lr: 5e-3,
-    tone_lr: 6e-3,
-    encoder_lr: 2e-3,
 };
 
 /// Published: from 0.4 to 0.1 over training, from the first step on.
