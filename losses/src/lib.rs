@@ -14,7 +14,7 @@
 //! * [`entropy`]: rays that end on matter or on the background (TiNeuVox), weights that lie in few samples (DynamicNeRF)
 //! * [`point_colour`]: samples that have the colour of their pixel (TiNeuVox)
 //! * [`depth`]: measured depth: supervised (EndoNeRF, DyCheck), up to scale and shift (MiDaS, NSFF), by medians (MiDaS,
-//!   DynamicNeRF, RoDynRF)
+//!   DynamicNeRF, RoDynRF), by correlation (Wild-GS)
 //!
 //! **Motion**
 //!

@@ -75,6 +75,8 @@ const RUNS: &[(&str, &str, &[&str])] = &[
     ("photos", "spotless", &[]),
     ("photos", "gs-w", &["judge_first=10"]),
     ("photos", "gs-w", &["start=random", "start_count=300", "occluders=visibility", "judge_from=0.0"]),
+    ("photos", "wild-gs", &["judge_first=10", "plane_from=0.01"]),
+    ("photos", "wild-gs", &["start=random", "start_count=300", "occluders=visibility", "plane_from=0.0"]),
     ("photos", "hugs", &["warmup_steps=20", "restart=anew"]),
     ("photos", "sf-nerf", &[]),
     ("photos", "plain", &[]),
@@ -171,7 +173,7 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
         _ => &[],
     };
     let small = match (name, set.first()) {
-        ("splat" | "wild-gaussians" | "spotless" | "gs-w", _) => BUSY,
+        ("splat" | "wild-gaussians" | "spotless" | "gs-w" | "wild-gs", _) => BUSY,
         ("mip-nerf-360", _) => NARROW_360,
         ("nerf" | "mip-nerf", _) | (_, Some(&"field=mlp")) => NARROW,
         _ => SMALL,
@@ -185,7 +187,8 @@ fn hash(family: &str, name: &str, set: &[&str]) -> Result<String, SystemError> {
     let run = RunOptions { seed: 3, background: None, error_budget: None, stop: None, set };
     let (mut system, _) = build(name, &scene, &data, &run)?;
     let mut loss = 0.0;
-    let steps = if ["splat", "wild-gaussians", "spotless", "gs-w"].contains(&name) { CLOUD_STEPS } else { STEPS };
+    let steps =
+        if ["splat", "wild-gaussians", "spotless", "gs-w", "wild-gs"].contains(&name) { CLOUD_STEPS } else { STEPS };
     for step in 0..steps {
         loss += system.step(&data, step)?.mse;
     }

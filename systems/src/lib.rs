@@ -7,8 +7,8 @@
 //! * [`rays`]: the driver over rays. Its parts: [`fields`], [`samplers`], [`terms`], `warps`, [`appearance`], [`occluders`];
 //!   [`photo_model`] is the interface to the last two. [`networks`]: the driver for networks of the published sizes.
 //! * [`gradients`]: gradients with respect to rays and cameras; `schedule`: where a training is in its schedule.
-//! * [`views`]: the driver of systems of Gaussians; `cloud_motion`: clouds that move; `cloud_appearance`, `cloud_maps`, `cloud_occluders`:
-//!   clouds from photos of many people; `proxy`: a field that is trained before one.
+//! * [`views`]: the driver of systems of Gaussians; `cloud_motion`: clouds that move; `cloud_appearance`, `cloud_reference` with `cloud_maps`
+//!   and `cloud_triplane`, `cloud_occluders`: clouds from photos of many people; `proxy`: a field that is trained before one.
 //!   [`splats`]: clouds of Gaussians from files. [`bake`]: any field as a cloud of Gaussians, to look at and to export.
 
 pub mod appearance;
@@ -20,6 +20,8 @@ mod cloud_layers;
 mod cloud_maps;
 mod cloud_motion;
 mod cloud_occluders;
+mod cloud_reference;
+mod cloud_triplane;
 mod codes;
 #[cfg(test)]
 mod engine_tests;

@@ -282,6 +282,7 @@ fn forged_checkpoints_of_photos() {
             ("wild-gaussians", &["max_splats=60"]),
             ("spotless", &["max_splats=60"]),
             ("gs-w", &["max_splats=60", "encoder_side=16"]),
+            ("wild-gs", &["max_splats=60", "encoder_side=16", "plane_side=16"]),
         ],
         photos,
         &systems::registry::build,

@@ -13,7 +13,7 @@ const FAMILIES: [(Family, &str, &str); 3] = [
     (
         Family::Wild,
         "For photos of many people",
-        "`nerf-wild`; without `--system`, `wild-gaussians`, or `auto` where a field suits the photos better. They work on the field of `ngp`, but for `wild-gaussians`, `gs-w`, `spotless` and `degauss`, which are clouds, and the column *not as published* is about that; `--field \
+        "`nerf-wild`; without `--system`, `wild-gaussians`, or `auto` where a field suits the photos better. They work on the field of `ngp`, but for `wild-gaussians`, `gs-w`, `wild-gs`, `spotless` and `degauss`, which are clouds, and the column *not as published* is about that; `--field \
          mlp` is nearer to the papers and takes hours.",
     ),
     (

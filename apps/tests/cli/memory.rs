@@ -87,7 +87,7 @@ fn wild_systems_take_no_more_memory_than_they_say() {
         ["plain", "robust-nerf", "nerf-a", "nerf-u", "nerf-w", "ha-nerf", "ha-nerf-a", "ha-nerf-t", "sf-nerf", "hugs"];
     each_holds("nerf-wild", text(&scene), &systems, &TEN);
     let few = [&TEN[..], &["--set", "max_splats=2000", "--set", "judge_first=4"]].concat();
-    each_holds("nerf-wild", text(&scene), &["wild-gaussians", "gs-w"], &few);
+    each_holds("nerf-wild", text(&scene), &["wild-gaussians", "gs-w", "wild-gs"], &few);
     let few = [&TEN[..], &["--set", "max_splats=2000"]].concat();
     each_holds("nerf-wild", text(&scene), &["spotless", "degauss"], &few);
 }

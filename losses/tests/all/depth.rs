@@ -2,6 +2,7 @@
 
 use losses::LossError;
 use losses::depth::median::{Alignment, aligned, aligned_backward};
+use losses::depth::pearson::{STEEPEST, pearson, pearson_backward};
 use losses::depth::{ENDO_DELTA, ScaleShift, supervised, supervised_backward};
 use losses::kernel::Kernel;
 use proptest::prelude::*;
@@ -244,4 +245,71 @@ fn wrong_shapes_are_refused() {
     );
     let bad = Kernel::Huber { delta: -1.0 };
     assert!(matches!(supervised(bad, &[], &[], &[]), Err(LossError::Parameter { .. })));
+}
+
+/// `1 - r` from the definition.
+fn pearson_twin(x: &[f64], y: &[f64]) -> f64 {
+    let n = x.len() as f64;
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / n;
+    let (mx, my) = (mean(x), mean(y));
+    let of = |a: &[f64], ma: f64, b: &[f64], mb: f64| a.iter().zip(b).map(|(a, b)| (a - ma) * (b - mb)).sum::<f64>();
+    1.0 - of(x, mx, y, my) / (of(x, mx, x, mx) * of(y, my, y, my)).sqrt()
+}
+
+proptest! {
+    #![proptest_config(testkit::property::cases(96))]
+
+    #[test]
+    fn correlation_is_that_of_the_definition_and_so_is_its_gradient((p, t, _) in batches(3)) {
+        let ones = vec![1.0; p.len()];
+        prop_assume!(spread(&ones, &p) > 0.1 && spread(&ones, &t) > 0.1);
+        let (wide_p, wide_t) = (wide(&p), wide(&t));
+        let mut bar = vec![0.0; p.len()];
+        let loss = pearson_backward(&p, &t, 2, 0.7, &mut bar).unwrap();
+        prop_assert!((loss - pearson_twin(&wide_p, &wide_t)).abs() < 1e-12);
+        let want = central_difference(&wide_p, |p| 0.7 * pearson_twin(p, &wide_t));
+        for (got, want) in bar.iter().zip(want) {
+            prop_assert!((f64::from(*got) - want).abs() < 1e-5, "{got} {want}");
+        }
+    }
+
+    #[test]
+    fn correlation_does_not_see_a_line_that_rises_and_sees_its_sign((p, t, _) in batches(3)) {
+        let ones = vec![1.0; p.len()];
+        prop_assume!(spread(&ones, &p) > 0.1 && spread(&ones, &t) > 0.1);
+        let of = |p: &[f32], t: &[f32]| pearson(p, t, 2).unwrap();
+        let loss = of(&p, &t);
+        let line = |x: &[f32], c: f32| x.iter().map(|x| c * x + 0.5).collect::<Vec<f32>>();
+        prop_assert!((of(&line(&p, 3.0), &t) - loss).abs() < 1e-5);
+        prop_assert!((of(&p, &line(&t, 0.25)) - loss).abs() < 1e-5);
+        prop_assert!((of(&line(&p, -1.0), &t) + loss - 2.0).abs() < 1e-5);
+        prop_assert!(of(&p, &line(&p, 2.0)).abs() < 1e-5);
+        prop_assert!((-1e-9..=2.0 + 1e-9).contains(&loss));
+    }
+}
+
+#[test]
+fn depths_without_shape_correlate_with_nothing_and_gradients_have_a_bound() {
+    let ramp: Vec<f32> = (0..64).map(|i| i as f32).collect();
+    let of = |x: &[f32], y: &[f32], fewest: usize| {
+        let mut bar = vec![0.0; x.len()];
+        let loss = pearson_backward(x, y, fewest, 1.0, &mut bar).unwrap();
+        (loss, bar)
+    };
+    let nothing = (0.0, vec![0.0; 64]);
+    let almost: Vec<f32> = ramp.iter().map(|x| 1.0 + 1e-7 * x).collect();
+    for flat in [vec![3.0; 64], vec![0.0; 64], almost, vec![f32::NAN; 64], vec![f32::INFINITY; 64]] {
+        assert_eq!(of(&flat, &ramp, 2), nothing);
+        assert_eq!(of(&ramp, &flat, 2), nothing);
+    }
+    assert_eq!(of(&ramp, &ramp, 65), nothing);
+    assert_eq!(of(&[], &[], 0), (0.0, Vec::new()));
+    assert_eq!(of(&[1.0], &[2.0], 0), (0.0, vec![0.0]));
+    // Small numbers of little spread: steep.
+    let tiny: Vec<f32> = (0..64).map(|i| 1e-6 * (i * 7 % 5) as f32).collect();
+    let (loss, bar) = of(&tiny, &ramp, 64);
+    assert!(loss.is_finite() && bar.iter().all(|g| f64::from(g.abs()) <= STEEPEST), "{bar:?}");
+    assert!(bar.iter().any(|g| *g != 0.0));
+    let short = Err(LossError::Shape { what: "y", want: 64, got: 3 });
+    assert_eq!(pearson(&ramp, &ramp[..3], 2), short);
 }

@@ -21,7 +21,7 @@ const GAIN: f32 = 3.0;
 const FITS: &str = "the picture is at least as large as the encoder needs";
 
 /// Convolutions and tilts. Parameters: those of the convolutions, then `[code][tilts * 3]`.
-pub(super) struct PhotoNetwork {
+pub(crate) struct PhotoNetwork {
     encoder: Encoder,
     tilts: Vec<f32>,
     simd: Simd,
@@ -29,17 +29,17 @@ pub(super) struct PhotoNetwork {
 
 /// A picture to be encoded.
 #[derive(Clone, Copy)]
-pub(super) struct Picture<'a> {
+pub(crate) struct Picture<'a> {
     /// `[3][height][width]`, `2 srgb - 1`.
-    pub(super) x: &'a [f32],
+    pub(crate) x: &'a [f32],
     /// `[height][width]`, opacity.
-    pub(super) alpha: &'a [f32],
-    pub(super) size: Size,
+    pub(crate) alpha: &'a [f32],
+    pub(crate) size: Size,
 }
 
 /// Activations that the backward pass needs.
 #[derive(Default)]
-pub(super) struct ForwardMemory {
+pub(crate) struct ForwardMemory {
     acts: Vec<f32>,
     tones: Vec<f32>,
     work: Workspace,
@@ -47,23 +47,23 @@ pub(super) struct ForwardMemory {
 
 impl ForwardMemory {
     /// Numbers held.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.acts.capacity() + self.tones.capacity()
     }
 }
 
 impl PhotoNetwork {
-    pub(super) fn new(encoder: Encoder, tilts: &[f32]) -> Self {
+    pub(crate) fn new(encoder: Encoder, tilts: &[f32]) -> Self {
         Self { encoder, tilts: tilts.to_vec(), simd: Simd::best() }
     }
 
     /// Numbers of a code.
-    pub(super) fn code(&self) -> usize {
+    pub(crate) fn code(&self) -> usize {
         self.encoder.code()
     }
 
     /// The smallest side of a picture.
-    pub(super) fn min_side(&self) -> usize {
+    pub(crate) fn min_side(&self) -> usize {
         self.encoder.min_side()
     }
 
@@ -71,19 +71,19 @@ impl PhotoNetwork {
         3 * self.tilts.len()
     }
 
-    pub(super) fn param_count(&self) -> usize {
+    pub(crate) fn param_count(&self) -> usize {
         self.encoder.param_count() + self.code() * self.tones()
     }
 
     /// Random convolutions; weights of tones are 0.
-    pub(super) fn init(&self, rng: Rng, params: &mut [f32]) {
+    pub(crate) fn init(&self, rng: Rng, params: &mut [f32]) {
         let (network, weights) = params.split_at_mut(self.encoder.param_count());
         self.encoder.init(rng, network);
         weights.fill(0.0);
     }
 
     /// The code of a picture, written.
-    pub(super) fn forward(
+    pub(crate) fn forward(
         &self,
         params: &[f32],
         picture: Picture<'_>,
@@ -105,7 +105,7 @@ impl PhotoNetwork {
     }
 
     /// Gradient of [`PhotoNetwork::forward`]: adds into `grad`, and into `x_bar` where it is wanted.
-    pub(super) fn backward(
+    pub(crate) fn backward(
         &self,
         params: &[f32],
         picture: Picture<'_>,

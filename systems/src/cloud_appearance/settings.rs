@@ -16,13 +16,15 @@ pub(crate) enum CloudAppearance {
     /// Feature maps of a photo, which each Gaussian reads where it is in the photo and where it learnt to, and a network that makes a tone
     /// of both.
     Maps,
+    /// A photo projected back to planes about the scene, which each Gaussian reads where it is, and a network that makes a tone of that.
+    Triplane,
 }
 
 /// The same, as a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct AppearanceChoice {
-    /// `none`, `codes` or `maps`.
+    /// `none`, `codes`, `maps` or `triplane`.
     pub(crate) appearance: CloudAppearance,
 }
 

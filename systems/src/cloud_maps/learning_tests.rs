@@ -1,8 +1,9 @@
 //! What an appearance from a reference photo must do: learn, keep, and come back.
 
-use super::reference::CAMERA;
-use super::tests::{HORIZON, PHOTOS, SETTINGS, cloud, code, colours, extra, seen, view, visible};
+use super::tests::{HORIZON, PHOTOS, SETTINGS, code, extra};
 use super::*;
+use crate::cloud_reference::CAMERA;
+use crate::cloud_reference::test_scene::{cloud, colours, seen, view, visible};
 use crate::views::{ColourAppearance, ColourBars, Learns, SeenPhoto};
 use engine::system::{Appearance, Tensor, TensorMap};
 use field_core::rng::Rng;
@@ -29,7 +30,11 @@ fn trained(steps: u64) -> (FeatureMaps, Vec<f32>) {
     for step in 0..steps {
         let of = step as usize % PHOTOS;
         let (appearance, tint, colour) = (Appearance::View(of), TINTS[of], photo(TINTS[of]));
-        maps.look_at(step, of, &SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(&view) });
+        maps.look_at(
+            step,
+            of,
+            &SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(&view), depth: None },
+        );
         let mut toned = rgb.clone();
         maps.forward(&appearance, seen, &mut toned);
         let away = |(toned, rgb): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| toned[c] - tint[c] * rgb[c]);
@@ -54,7 +59,7 @@ fn photos_of_other_tints_are_read_off_the_photos_and_so_is_one_that_was_not_seen
     let extra = extra(&cloud);
     let tint = [0.9, 0.95, 1.0];
     let colour = photo(tint);
-    let seen_photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(&view) };
+    let seen_photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(&view), depth: None };
     let off = |appearance: &Appearance| {
         let mut toned = rgb.clone();
         maps.forward(appearance, seen(&cloud, &extra, &visible), &mut toned);
@@ -80,7 +85,7 @@ fn tones_that_are_kept_are_those_of_a_step_and_what_changes_is_worked_out_anew()
     assert_eq!(of(&maps, &cloud, &extra), kept, "the second time");
     // A step of all of the photo, with its camera.
     let colour = photo(TINTS[1]);
-    let photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(&view) };
+    let photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(&view), depth: None };
     let whole = maps.code(&Appearance::View(1));
     let step = (0..100).find(|step| {
         maps.look_at(*step, 1, &photo);

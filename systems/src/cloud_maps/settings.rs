@@ -1,5 +1,6 @@
 //! Settings of the appearance from a reference photo.
 
+use crate::cloud_reference::{MapShape, ReferenceSettings, is_side};
 use crate::views::{SamplePlaces, first_of, not_negative, positive, unless};
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
@@ -28,10 +29,7 @@ pub(crate) struct MapSettings {
     pub(crate) encoder_lr: f64,
 }
 
-/// Photos of a side are halved this often.
-pub(super) const HALVINGS: u32 = 4;
-/// Photos larger, maps deeper, and networks wider than these are a mistake.
-const MOST_SIDE: usize = 512;
+/// Maps deeper and networks wider than these are a mistake.
 const MOST_CHANNELS: usize = 64;
 const MOST_WIDTH: usize = 512;
 
@@ -40,12 +38,11 @@ impl MapSettings {
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
         let (side, channels, width) = (self.encoder_side, self.map_channels, self.tone_width);
-        let is_side = (1..=MOST_SIDE).contains(&side) && side.is_multiple_of(1 << HALVINGS);
         // Its layers multiply each other: with more, maps have no bounds.
         let is_rate = self.encoder_lr > 0.0 && self.encoder_lr <= 0.1;
         let (maps, most) = (self.sampled_maps, SamplePlaces::MOST);
         first_of([
-            unless(is_side, "encoder_side", side, "must be a multiple of 16, 16 to 512"),
+            unless(is_side(side), "encoder_side", side, "must be a multiple of 16, 16 to 512"),
             unless(maps <= most, "sampled_maps", maps, "must be 0 to 4"),
             unless((1..=MOST_CHANNELS).contains(&channels), "map_channels", channels, "must be 1 to 64"),
             unless((1..=MOST_WIDTH).contains(&width), "tone_width", width, "must be 1 to 512"),
@@ -57,18 +54,25 @@ impl MapSettings {
         ])
     }
 
+    /// What all kinds of reference photos have.
+    pub(super) fn reference(&self) -> ReferenceSettings {
+        ReferenceSettings {
+            side: self.encoder_side,
+            tone_width: self.tone_width,
+            tone_scale: self.tone_scale,
+            tone_lr: self.tone_lr,
+            encoder_lr: self.encoder_lr,
+        }
+    }
+
     /// Maps of a photo: the one that Gaussians are projected into, then those in which they have places.
-    pub(super) fn maps(&self) -> usize {
-        1 + self.sampled_maps
+    pub(super) fn shape(&self) -> MapShape {
+        let planes = (1 + self.sampled_maps) * self.map_channels;
+        MapShape { side: self.encoder_side, channels: 3, planes, tones: true }
     }
 
     /// Pixels along a side of a map.
     pub(super) fn map_side(&self) -> usize {
         self.encoder_side / 2
-    }
-
-    /// Numbers of all maps.
-    pub(super) fn map_numbers(&self) -> usize {
-        self.maps() * self.map_channels * self.map_side() * self.map_side()
     }
 }

@@ -1,17 +1,15 @@
 //! Appearance from a reference photo against its definition in `f64`.
 
-use super::reference::{CAMERA, camera_rows};
-use super::sampling::{Tap, Texels};
 use super::*;
-use crate::views::{ColourAppearance, ColourBars, DrawnCloud, PlaceCodes, SamplePlaces, VisibleCloud};
+use crate::cloud_reference::test_scene::{N, cloud, colours, seen, view, visible, wide, worst};
+use crate::cloud_reference::{CAMERA, Tap, Texels, camera_rows};
+use crate::views::{ColourAppearance, ColourBars, PlaceCodes, SamplePlaces};
 use engine::system::Appearance;
 use field_core::rng::Rng;
-use splat_core::{Gaussians, ProjectedGaussian, View};
+use splat_core::Gaussians;
 use std::sync::Arc;
-use testkit::gradient::central_difference;
 use testkit::reference::network::{Bias, Network};
 
-const N: usize = 7;
 pub(super) const PHOTOS: usize = 4;
 pub(super) const HORIZON: u64 = 200;
 const CHANNELS: usize = 2;
@@ -19,6 +17,7 @@ const WIDTH: usize = 5;
 const SAMPLED: usize = 2;
 const MAP: usize = 8;
 const SCALE: f32 = 0.7;
+const MAPS: usize = (1 + SAMPLED) * CHANNELS * MAP * MAP;
 
 pub(super) const SETTINGS: MapSettings = MapSettings {
     encoder_side: 2 * MAP,
@@ -41,55 +40,13 @@ fn maps(settings: MapSettings) -> FeatureMaps {
     maps
 }
 
-/// Gaussians within a unit of the origin, but the last, which is behind the camera of [`view`].
-pub(super) fn cloud() -> Gaussians {
-    let mut cloud = Gaussians::new(N, 1).unwrap();
-    for (k, (_, values)) in (0..).zip(cloud.fields_mut()) {
-        Rng::new(2, k).fill_uniform(0, values);
-        values.iter_mut().for_each(|x| *x -= 0.5);
-    }
-    cloud.mean[2 * N + N - 1] = -9.0;
-    // Far to the side.
-    cloud.mean[N - 2] = 8.0;
-    cloud
-}
-
-/// Two units before the origin, looking at it.
-pub(super) fn view() -> View {
-    View { t: [0.02, -0.03, 2.0], c: [20.4, 14.7], f: [44.0, 43.0], ..View::at_origin([40, 30]) }
-}
-
 pub(super) fn extra(cloud: &Gaussians) -> Vec<f32> {
     [PlaceCodes::of(cloud).rows(cloud), SamplePlaces::of(cloud, SAMPLED, 4).rows(cloud)].concat()
 }
 
-pub(super) fn seen<'a>(
-    gaussians: &'a Gaussians,
-    extra: &'a [f32],
-    visible: &'a [ProjectedGaussian],
-) -> VisibleCloud<'a> {
-    let cloud = DrawnCloud { index: 0, gaussians, extra, composited: 0, degree: 1 };
-    VisibleCloud { cloud, gaussians: visible }
-}
-
-/// All but the second Gaussian, from the last to the first.
-pub(super) fn visible() -> Vec<ProjectedGaussian> {
-    let index = (0..N as u32).rev().filter(|i| *i != 1);
-    index.map(|index| ProjectedGaussian { index, ..ProjectedGaussian::default() }).collect()
-}
-
-pub(super) fn colours(stream: u64) -> Vec<[f32; 3]> {
-    let rng = Rng::new(11, stream);
-    (0..N as u64 - 1).map(|i| rng.uniform4_at(i)).map(|u| [u[0], u[1], u[2]]).collect()
-}
-
-fn wide(values: &[f32]) -> Vec<f64> {
-    values.iter().map(|&x| f64::from(x)).collect()
-}
-
 /// A code of random maps, and the camera of [`view`].
 pub(super) fn code() -> Vec<f32> {
-    let mut code = vec![0.0; SETTINGS.map_numbers()];
+    let mut code = vec![0.0; MAPS];
     Rng::new(6, 0).fill_uniform(0, &mut code);
     code.extend(camera_rows(&view()));
     code
@@ -122,7 +79,7 @@ impl Twin {
         let is_inside = p[2] > 0.0 && uv[0] >= 0.0 && uv[0] <= 40.0 && uv[1] >= 0.0 && uv[1] <= 30.0;
         let pixel = |x: f64| x * MAP as f64 - 0.5;
         let mut out = Vec::new();
-        for (plane, map) in self.code[..SETTINGS.map_numbers()].chunks_exact(MAP * MAP).enumerate() {
+        for (plane, map) in self.code[..MAPS].chunks_exact(MAP * MAP).enumerate() {
             out.push(match plane / CHANNELS {
                 0 if is_inside => bilinear(map, pixel(uv[0] / 40.0), pixel(uv[1] / 30.0)),
                 0 => 0.0,
@@ -158,19 +115,6 @@ impl Twin {
     }
 }
 
-/// Largest difference between gradients and differences of the twin, relative to the largest gradient.
-fn worst(twin: &Twin, weights: &[[f32; 3]], got: &[f32], part: impl Fn(&mut Twin) -> &mut [f64]) -> f64 {
-    let want = central_difference(part(&mut twin.clone()), |values| {
-        let mut at = twin.clone();
-        part(&mut at).copy_from_slice(values);
-        at.value(weights)
-    });
-    assert_eq!(want.len(), got.len());
-    let largest = want.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-    assert!(largest > 1e-3, "nothing depends on it");
-    want.iter().zip(got).map(|(want, got)| (want - f64::from(*got)).abs() / largest).fold(0.0, f64::max)
-}
-
 #[test]
 fn colours_and_their_gradients_are_those_of_the_definition() {
     let (mut maps, cloud, visible) = (maps(SETTINGS), cloud(), visible());
@@ -201,32 +145,39 @@ fn colours_and_their_gradients_are_those_of_the_definition() {
     for (gaussian, base) in visible.iter().zip(&base) {
         (0..3).for_each(|c| base_bar[c * N + gaussian.index as usize] = base[c]);
     }
-    let (network_bar, maps_bar) = maps.gradients();
+    let (network_bar, code_bar) = maps.gradients();
+    let maps_bar = &code_bar[..MAPS];
     let coordinates = PlaceCodes::ROWS * N;
     for (name, error) in [
-        ("colours", worst(&twin, &weights, bar.as_flattened(), |twin| &mut twin.rgb)),
-        ("base", worst(&twin, &weights, &base_bar, |twin| &mut twin.base)),
-        ("codes", worst(&twin, &weights, &extra_bar[..coordinates], |twin| &mut twin.extra[..coordinates])),
-        ("coordinates", worst(&twin, &weights, &extra_bar[coordinates..], |twin| &mut twin.extra[coordinates..])),
-        ("maps", worst(&twin, &weights, &maps_bar, |twin| &mut twin.code[..SETTINGS.map_numbers()])),
-        ("network", worst(&twin, &weights, &network_bar, |twin| &mut twin.network)),
+        ("colours", worst(&twin, |twin| twin.value(&weights), bar.as_flattened(), |twin| &mut twin.rgb)),
+        ("base", worst(&twin, |twin| twin.value(&weights), &base_bar, |twin| &mut twin.base)),
+        (
+            "codes",
+            worst(&twin, |twin| twin.value(&weights), &extra_bar[..coordinates], |twin| &mut twin.extra[..coordinates]),
+        ),
+        (
+            "coordinates",
+            worst(&twin, |twin| twin.value(&weights), &extra_bar[coordinates..], |twin| &mut twin.extra[coordinates..]),
+        ),
+        ("maps", worst(&twin, |twin| twin.value(&weights), maps_bar, |twin| &mut twin.code[..MAPS])),
+        ("network", worst(&twin, |twin| twin.value(&weights), &network_bar, |twin| &mut twin.network)),
     ] {
         assert!(error < 1e-4, "{name}: {error}");
     }
     let alone = maps.code_bar(&code, seen, &rgb, &mut weights.clone());
-    assert_eq!((&alone[..maps_bar.len()], &alone[maps_bar.len()..]), (&maps_bar[..], &[0.0; CAMERA][..]));
+    assert_eq!((&alone[..], &alone[MAPS..]), (&code_bar[..], &[0.0; CAMERA][..]));
 }
 
 #[test]
 fn maps_are_read_linearly_and_hold_beyond_their_border() {
     let code = code();
-    let texels = Texels::new(&SETTINGS, &super::reference::Code::new(&SETTINGS, &code));
+    let texels = Texels::new(&code[..MAPS], CHANNELS, MAP);
     let read = |map: usize, at: [f32; 2]| {
         let mut out = [0.0; CHANNELS];
         texels.sample(map, &Tap::at_coordinates(at, MAP), |c, x| out[c] = x);
         out
     };
-    let planes: Vec<Vec<f64>> = code[..SETTINGS.map_numbers()].chunks_exact(MAP * MAP).map(wide).collect();
+    let planes: Vec<Vec<f64>> = code[..MAPS].chunks_exact(MAP * MAP).map(wide).collect();
     let rng = Rng::new(9, 9);
     for k in 0..200 {
         let [x, y, ..] = rng.uniform4_at(k).map(|u| 2.6 * u - 1.3);

@@ -5,11 +5,13 @@
 //! v = 1 - r (1 - d) / (2 l)                where it is least, not below 0: nothing is left from r = 0.375 on
 //! ```
 //!
+//! `l` may fall over training: while there is little to compare with, few pixels should be left out.
+//!
 //! In the paper `v` is what a head of the network that encodes the photo says, a pixel for each square of four, and learnt with `L`. Here
 //! it is what that head would have to say of the residual as it is, averaged over such squares: nothing is to be learnt.
 //!
 //! # Source
-//! Zhang et al., "Gaussian in the Wild", 2024, section 3.4.
+//! Zhang et al., "Gaussian in the Wild", 2024, section 3.4; Xu et al., "Wild-GS", 2024 (a weight that falls).
 
 use super::error_histogram::Errors;
 use super::structure_parts::Plane;
@@ -32,15 +34,19 @@ pub(crate) struct VisibilitySettings {
     pub(crate) judge_from: f64,
     /// Weight of what is left out in the loss: the larger, the larger must a residual be for its pixel to count less.
     pub(crate) visibility_weight: f32,
+    /// Share of that weight at the end of the schedule, linearly from 1 at its start.
+    pub(crate) visibility_left: f32,
 }
 
 impl VisibilitySettings {
     /// # Errors
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
+        let left = self.visibility_left;
         first_of([
             unless((0.0..=1.0).contains(&self.judge_from), "judge_from", self.judge_from, "must be a share, 0 to 1"),
             positive("visibility_weight", self.visibility_weight.into()),
+            unless(left > 0.0 && left <= 1.0, "visibility_left", left, "must be above 0, and at most 1"),
         ])
     }
 }
@@ -58,29 +64,37 @@ impl VisibilityJudge {
         Self { settings, horizon }
     }
 
-    /// Visibility of a pixel with a residual; 0 where that is no number.
-    fn of(&self, residual: f32) -> f32 {
-        (1.0 - residual * OF_RESIDUAL / (2.0 * self.settings.visibility_weight)).clamp(0.0, 1.0).max(0.0)
+    /// The weight of what is left out, at a share of the schedule.
+    fn weight(&self, share: f64) -> f32 {
+        let VisibilitySettings { visibility_weight, visibility_left, .. } = self.settings;
+        visibility_weight * (1.0 - share.clamp(0.0, 1.0) as f32 * (1.0 - visibility_left))
     }
 
-    fn visibility(&self, beside: &Beside<'_>) -> Vec<f32> {
+    fn visibility(&self, weight: f32, beside: &Beside<'_>) -> Vec<f32> {
         if beside.size.contains(&0) {
             return Vec::new();
         }
         let Errors { size, values } = Errors::of(beside);
         let residual = Plane { size, values }.smaller(SQUARE).interpolated(beside.size);
-        residual.values.into_iter().map(|r| self.of(r)).collect()
+        residual.values.into_iter().map(|r| visibility(weight, r)).collect()
     }
+}
+
+/// Visibility of a pixel with a residual; 0 where that is no number.
+fn visibility(weight: f32, residual: f32) -> f32 {
+    (1.0 - residual * OF_RESIDUAL / (2.0 * weight)).clamp(0.0, 1.0).max(0.0)
 }
 
 impl RenderJudge for VisibilityJudge {
     fn weights(&mut self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>> {
         let from = self.settings.judge_from * self.horizon as f64;
-        (step as f64 >= from).then(|| self.visibility(beside))
+        let weight = self.weight(step as f64 / self.horizon.max(1) as f64);
+        (step as f64 >= from).then(|| self.visibility(weight, beside))
     }
 
+    /// As at the end of the schedule.
     fn static_pixels(&self, beside: &Beside<'_>) -> Vec<f32> {
-        self.visibility(beside).into_iter().map(|v| if v > SHOWS { 1.0 } else { 0.0 }).collect()
+        self.visibility(self.weight(1.0), beside).into_iter().map(|v| if v > SHOWS { 1.0 } else { 0.0 }).collect()
     }
 }
 
@@ -88,20 +102,38 @@ impl RenderJudge for VisibilityJudge {
 mod tests {
     use super::*;
 
-    const SETTINGS: VisibilitySettings = VisibilitySettings { judge_from: 0.2, visibility_weight: 0.15 };
+    const SETTINGS: VisibilitySettings =
+        VisibilitySettings { judge_from: 0.2, visibility_weight: 0.15, visibility_left: 1.0 };
 
     /// The closed form is what costs least, found by trying.
     #[test]
     fn the_closed_form_is_the_best_visibility() {
-        let judge = VisibilityJudge::new(SETTINGS, 100);
+        let of = |residual: f32| visibility(0.15, residual);
         for residual in [0.0, 0.01, 0.1, 0.2, 0.3, 0.374, 0.376, 0.6, 1.0] {
             let cost = |v: f64| 0.8 * f64::from(residual) * v + 0.15 * (1.0 - v).powi(2);
             let tried = (0..=10_000).map(|i| f64::from(i) * 1e-4);
             let best = tried.min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap();
-            assert!((f64::from(judge.of(residual)) - best).abs() < 2e-4, "{residual}: {best}");
+            assert!((f64::from(of(residual)) - best).abs() < 2e-4, "{residual}: {best}");
         }
-        assert!((judge.of(0.1875) - 0.5).abs() < 1e-6);
-        assert_eq!([judge.of(f32::NAN), judge.of(f32::INFINITY)], [0.0, 0.0]);
+        assert!((of(0.1875) - 0.5).abs() < 1e-6);
+        assert_eq!([of(f32::NAN), of(f32::INFINITY)], [0.0, 0.0]);
+    }
+
+    #[test]
+    fn the_weight_falls_linearly_and_pixels_count_less_for_the_same_residual() {
+        let settings = VisibilitySettings { judge_from: 0.0, visibility_weight: 0.4, visibility_left: 0.25 };
+        let mut judge = VisibilityJudge::new(settings, 100);
+        let close = |share: f64, want: f32| (judge.weight(share) - want).abs() < 1e-6;
+        assert!(close(0.0, 0.4) && close(0.5, 0.25) && close(1.0, 0.1) && close(7.0, 0.1));
+        // Everything is off by 0.125.
+        let (render, photo) = (vec![0.5; 3 * 64], vec![0.625; 3 * 64]);
+        let beside = Beside { view: 0, size: [8, 8], render: &render, photo: &photo, before: None };
+        for (step, want) in [(0, 0.875), (50, 0.8), (100, 0.5)] {
+            let weights = judge.weights(step, &beside).unwrap();
+            assert!(weights.iter().all(|w| (w - want).abs() < 1e-5), "{step}: {}", weights[0]);
+        }
+        let at_start = VisibilityJudge::new(settings, 0).weights(0, &beside).unwrap();
+        assert!((at_start[0] - 0.875).abs() < 1e-5);
     }
 
     #[test]
@@ -135,6 +167,8 @@ mod tests {
         for bad in [
             VisibilitySettings { judge_from: -0.1, ..SETTINGS },
             VisibilitySettings { visibility_weight: 0.0, ..SETTINGS },
+            VisibilitySettings { visibility_left: 0.0, ..SETTINGS },
+            VisibilitySettings { visibility_left: 1.1, ..SETTINGS },
         ] {
             assert!(bad.check().is_err(), "{bad:?}");
         }

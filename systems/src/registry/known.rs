@@ -5,7 +5,7 @@ use crate::claims::Claim;
 use crate::papers::dynamic::{
     d_nerf, d_nerf_published, dynamic_nerf, endo_nerf, hyper_nerf, k_planes, nerfies, nsff, t_nerf, tineuvox, two_parts,
 };
-use crate::papers::gaussians::{degauss, four_d_gaussians, gs_w, splat, spotless, wild_gaussians};
+use crate::papers::gaussians::{degauss, four_d_gaussians, gs_w, splat, spotless, wild_gaussians, wild_gs};
 use crate::papers::static_scenes::{mip_nerf, mip_nerf_360, nerf, ngp};
 use crate::papers::wild::{
     AppearanceKind as A, OccluderKind as O, auto, build as parts, combined, ha_nerf, hugs, nerf_w, robust_nerf, sf_nerf,
@@ -51,6 +51,7 @@ pub(super) const ENTRIES: &[Entry] = &[
     wild(hugs::CLAIM, |ask| parts(ask, Some((A::None, O::Masks)))),
     wild(wild_gaussians::CLAIM, wild_gaussians::build),
     wild(gs_w::CLAIM, gs_w::build),
+    wild(wild_gs::CLAIM, wild_gs::build),
     wild(spotless::CLAIM, spotless::build),
     Entry { families: &[Family::Wild, Family::Moving], ..wild(degauss::CLAIM, degauss::build) },
     moving(two_parts::CLAIM, two_parts::build),

@@ -9,6 +9,7 @@ use super::drawing::{Projections, VisibleCloud};
 use super::driver::Views;
 use super::hooks::{OfAppearance, SeenPhoto};
 use super::photo::{over, view};
+use super::photo_depth::PhotoDepth;
 use super::planes::{COLOUR, PlaneLayout, add_background};
 use engine::system::{Appearance, Fit};
 use glam::{DMat3, DVec3};
@@ -95,7 +96,7 @@ pub(super) fn encode(system: &Views, photo: &Image) -> Option<Vec<f32>> {
         (0..COLOUR).for_each(|c| colour[c * pixels + i] = rgb[c]);
         weights[i] = f32::from(u8::from(photo.is_used(x, y)));
     }
-    part.encode(&SeenPhoto { size, colour: &colour, weights: Some(&weights), view: None })
+    part.encode(&SeenPhoto { size, colour: &colour, weights: Some(&weights), view: None, depth: None })
 }
 
 /// See [`engine::system::System::fit_appearance`].
@@ -105,7 +106,9 @@ pub(super) fn fit(system: &Views, pixels: &Fit<'_>) -> Option<Vec<f32>> {
     let Some(photo) = Gathered::new(pixels) else { return Some(code) };
     let (view, settings) = (view(&photo.camera, &system.parts.frame), system.parts.pictures.raster());
     let (colour, weights) = (&photo.colour[..], Some(&photo.weights[..]));
-    if let Some(code) = part.encode(&SeenPhoto { size: view.size, colour, weights, view: Some(&view) }) {
+    let depth = system.photo_depth(&view, pixels.time, weights);
+    let depth = depth.as_ref().map(PhotoDepth::seen);
+    if let Some(code) = part.encode(&SeenPhoto { size: view.size, colour, weights, view: Some(&view), depth }) {
         return Some(code);
     }
     let clouds = system.clouds_at(pixels.time);

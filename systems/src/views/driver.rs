@@ -12,6 +12,7 @@ use super::hooks::{CloudMotion, ColourAppearance, OfAppearance, RenderJudge, See
 use super::memory::Pictures;
 use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, StepJudge, ViewSpaceGradient, picture_pass};
 use super::photo::{PhotoSet, StepTarget, view};
+use super::photo_depth::PhotoDepth;
 use super::planes::PlaneLayout;
 use super::render::{CloudRenderer, RenderBuffers};
 use super::skipped::Skipped;
@@ -254,10 +255,12 @@ impl Views {
         camera_gradient: Option<&mut CameraGradient>,
     ) -> Result<Outcome, SystemError> {
         let settings = self.parts.pictures.raster();
+        let depth = self.photo_depth(view, shown.time, self.target.weights.get());
         if let Some(part) = self.parts.appearance.as_mut().filter(|part| part.looks()) {
             // On the one that photos are encoded on wherever no step is made.
             let colour = self.target.on(self.parts.background.colour());
-            let photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(view) };
+            let depth = depth.as_ref().map(PhotoDepth::seen);
+            let photo = SeenPhoto { size: view.size, colour: &colour, weights: None, view: Some(view), depth };
             part.look_at(step, shown.view, &photo);
         }
         let step = self.position.of(step);

@@ -52,6 +52,17 @@ pub(crate) struct SeenPhoto<'a> {
     pub(crate) weights: Option<&'a [f32]>,
     /// The camera that took it, of the clouds' frame; `None`: it is not known.
     pub(crate) view: Option<&'a View>,
+    /// How far away is what it shows, where the appearance asked for that: [`ColourAppearance::depth_side`].
+    pub(crate) depth: Option<SeenDepth<'a>>,
+}
+
+/// Depths of a whole photo, in a picture of any size.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SeenDepth<'a> {
+    /// Columns and rows.
+    pub(crate) size: [usize; 2],
+    /// `[rows][columns]`, `z` along the camera's axis, internal units; 0 where the cloud shows nothing, or the photo does not count.
+    pub(crate) z: &'a [f32],
 }
 
 /// Appearance: the colours of Gaussians in the appearance of a photo, and gradients back.
@@ -62,6 +73,11 @@ pub(crate) trait ColourAppearance: Learns {
     /// Whether it is shown the photos of steps: [`look_at`](Self::look_at).
     fn looks(&self) -> bool {
         false
+    }
+
+    /// The side of the square that depths of photos are drawn in for it, in a step of the schedule; `None`: it needs none.
+    fn depth_side(&self, _step: u64) -> Option<usize> {
+        None
     }
 
     /// Step `step` is about to compare the photo of a view: what comes before the next [`step`](Learns::step) or

@@ -5,7 +5,7 @@
 //! | the frame that clouds are trained in, and where they begin | [`cloud_frame`], [`start`], `visual_hull` |
 //! | parameters of a cloud, extra rows among them, and all that follows them | `cloud`, `place_codes`, `sample_places`, `optimiser`, `density_control`, `free_space` |
 //! | nothing is drawn smaller than what photos show | `smoothing` |
-//! | photos without distortion, and how much their pixels count | `photo`, `undistortion`, `weights` |
+//! | photos without distortion, how much their pixels count, how far away is what they show | `photo`, `undistortion`, `weights`, `photo_depth` |
 //! | what a picture costs | `terms` |
 //! | appearance of photos, and time; where points go | `hooks`, `flow` |
 //! | the appearance of other photos; a cloud in one appearance | `appearance_fit`, `appearance_bake` |
@@ -48,6 +48,7 @@ mod optimiser;
 pub(crate) mod outside;
 mod pass;
 mod photo;
+mod photo_depth;
 mod place_codes;
 #[cfg_attr(not(test), allow(dead_code, reason = "parts that no published system is made of yet"))]
 mod planes;
@@ -81,14 +82,14 @@ pub(crate) use drawing::{DrawnCloud, SeenGaussians, VisibleCloud};
 pub(crate) use driver::{PhotoTimes, ViewParts, Views, refused};
 pub(crate) use front::{CloudLayers, Front, FrontSeen, ViewLayers};
 pub(crate) use hooks::{
-    Beside, CloudMotion, ColourAppearance, ColourBars, Learns, RenderJudge, SeenPhoto, SurveyJudge,
+    Beside, CloudMotion, ColourAppearance, ColourBars, Learns, RenderJudge, SeenDepth, SeenPhoto, SurveyJudge,
 };
 pub(crate) use pass::{LossParts, Outcome, Pass, PassError, PicturePass, StepCamera, ViewSpaceGradient, squared_error};
 pub(crate) use place_codes::PlaceCodes;
 pub(crate) use planes::{PlaneLayout, RenderedPicture};
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
 pub(crate) use sample_places::SamplePlaces;
-pub(crate) use terms::{L1Dssim, L1DssimConfig, PictureTerm, Structure, TargetPicture};
+pub(crate) use terms::{DepthShapeTerm, L1Dssim, L1DssimConfig, Nearness, PictureTerm, Structure, TargetPicture};
 pub(crate) use undistortion::source;
 pub(crate) use visual_hull::VisualHull;
 pub(crate) use weights::{MaskWeight, StepPhoto, Weights, nearest};

@@ -269,7 +269,8 @@ impl System for Views {
         let copies = if self.parts.motion.is_some() { self.cloud_parameters() * size_of::<f32>() } else { 0 };
         let toned = if self.parts.appearance.is_some() { self.toned_bytes(self.gaussians()) } else { 0 };
         let judge = self.parts.judge.as_ref().map_or(0, |part| part.parameter_count() * LEARNT_BYTES + part.bytes());
-        let held = self.parts.appearance.as_ref().map_or(0, |part| part.bytes()) + judge;
+        let terms: usize = self.parts.terms.iter().map(|term| term.bytes()).sum();
+        let held = self.parts.appearance.as_ref().map_or(0, |part| part.bytes()) + judge + terms;
         clouds + copies + toned + held + (appearance + motion) * LEARNT_BYTES + self.sizes.bytes() + free_space
     }
 

@@ -2,6 +2,7 @@
 
 use losses::depth::ScaleShift;
 use losses::depth::median::{Alignment, aligned, aligned_backward};
+use losses::depth::pearson::{pearson, pearson_backward};
 use losses::edge_variation::{DepthAndPhoto, edge_variation, edge_variation_backward};
 use testkit::golden::{Golden, Kind, assert_close};
 
@@ -89,4 +90,25 @@ fn variation_less_where_the_photo_has_an_edge_matches_golden() {
         seen += 1;
     }
     assert_eq!(seen, 1);
+}
+
+#[test]
+fn correlation_matches_golden() {
+    let mut seen = 0;
+    for record in golden().op("pearson_depth") {
+        let (p, t) = (record.input("pred").f32(), record.input("gt").f32());
+        let mut bar = vec![0.0; p.len()];
+        let loss = pearson_backward(&p, &t, 2, record.cotangent("loss").scalar(), &mut bar).unwrap();
+        assert_eq!(loss, pearson(&p, &t, 2).unwrap());
+        seen += 1;
+        if ["pred_constant", "gt_constant", "both_constant", "n1", "tiny_variance"].contains(&record.name.as_str()) {
+            // The golden adds 1e-6 to the spread, and its gradients reach 1e5; here there is no shape to compare.
+            assert!(loss == 0.0 && bar.iter().all(|g| *g == 0.0), "{}: {loss} {bar:?}", record.label());
+            continue;
+        }
+        // 1e-6 beside spreads of about 1.
+        assert_close(&record.label(), &[loss], &record.output("loss").data, 1e-5, 5e-6);
+        assert_close(&format!("{} bar", record.label()), &wide(&bar), &record.grad("pred").data, 1e-5, 2e-7);
+    }
+    assert_eq!(seen, 10);
 }

@@ -107,10 +107,11 @@ fn settings(entry: &Entry, scene: &Scene) -> Vec<&'static str> {
     let (train, _) = views(scene, 1);
     let (_, plan) = try_system(name, scene, &train, given).unwrap_or_else(|e| panic!("{name}: {e}"));
     // Of clouds they halve pictures, and end the schedule of `splat` before there are Gaussians.
-    let is_cloud = ["splat", "4dgs", "wild-gaussians", "spotless", "gs-w", "degauss"].contains(&name);
+    let is_cloud = ["splat", "4dgs", "wild-gaussians", "spotless", "gs-w", "wild-gs", "degauss"].contains(&name);
     let is_other = |set: &str| {
         (is_cloud && set.starts_with("coarse="))
-            || (["splat", "wild-gaussians", "spotless", "gs-w"].contains(&name) && set.starts_with("horizon="))
+            || (["splat", "wild-gaussians", "spotless", "gs-w", "wild-gs"].contains(&name)
+                && set.starts_with("horizon="))
     };
     let has = |set: &&&str| plan.config.contains_key(&parse_set(set).expect("written well").0) && !is_other(set);
     given.iter().chain(SMALL.iter().filter(has)).copied().collect()

@@ -24,3 +24,4 @@ mod wild_ha_nerf;
 mod wild_maps;
 mod wild_methods;
 mod wild_mlp;
+mod wild_planes;

@@ -18,7 +18,7 @@ const SMALL: [&str; 2] = ["batch_rays=512", "batch_samples=8192"];
 /// Settings with which a survey comes after two steps.
 fn soon(name: &str) -> &'static [&'static str] {
     match name {
-        "robust-nerf" | "wild-gaussians" | "gs-w" => &["judge_first=2"],
+        "robust-nerf" | "wild-gaussians" | "gs-w" | "wild-gs" => &["judge_first=2"],
         "hugs" => &["warmup_steps=2"],
         _ => &[],
     }
@@ -35,7 +35,7 @@ fn train_of(scene: &Scene) -> Dataset {
 }
 
 fn system(name: &str, scene: &Scene, train: &Dataset, set: &[&str]) -> Result<Box<dyn System>, SystemError> {
-    let small: &[&str] = if ["wild-gaussians", "spotless", "gs-w", "degauss"].contains(&name) {
+    let small: &[&str] = if ["wild-gaussians", "spotless", "gs-w", "wild-gs", "degauss"].contains(&name) {
         &["start_count=300", "max_splats=500"]
     } else {
         &SMALL
@@ -179,9 +179,18 @@ fn photos_that_say_little_are_trained_on_all_the_same() {
         ("identical photos", identical, &["accept_no_parallax=true"]),
     ] {
         let train = train_of(&scene);
-        for name in
-            ["auto", "nerf-w", "robust-nerf", "hugs", "ha-nerf", "sf-nerf", "wild-gaussians", "spotless", "gs-w"]
-        {
+        for name in [
+            "auto",
+            "nerf-w",
+            "robust-nerf",
+            "hugs",
+            "ha-nerf",
+            "sf-nerf",
+            "wild-gaussians",
+            "spotless",
+            "gs-w",
+            "wild-gs",
+        ] {
             let soonest = || system(name, &scene, &train, &[set, &["judge_first=2"]].concat());
             let built = match name {
                 // It surveys only where it has chosen to leave outliers out.

@@ -118,6 +118,9 @@ const CLOUD_STRUCTURE: Entry = WILD_GAUSSIANS.set("wild-gaussians, masks of stru
 const DEGAUSS: Entry = Entry::new("degauss");
 const GS_W: Entry = Entry::new("gs-w");
 const GS_W_VISIBILITY: Entry = GS_W.set("gs-w, the paper's map", "occluders = 'visibility'");
+/// Without depth files beside the photos.
+const WILD_GS: Entry = Entry::new("wild-gs");
+const WILD_GS_VISIBILITY: Entry = WILD_GS.set("wild-gs, the paper's mask", "occluders = 'visibility'");
 
 /// Every appearance is the same there, or known: whole views count.
 const ONE_APPEARANCE: &[&str] = &["mean"];
@@ -155,6 +158,7 @@ const PERTURBED: [Photos; 4] = [
             DEGAUSS,
             CLOUD_STRUCTURE,
             GS_W,
+            WILD_GS,
         ],
     },
     Photos {
@@ -170,6 +174,7 @@ const PERTURBED: [Photos; 4] = [
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ALL_SHOWN,
             GS_W,
+            WILD_GS,
         ],
     },
     Photos {
@@ -190,7 +195,9 @@ const PERTURBED: [Photos; 4] = [
             DEGAUSS,
             CLOUD_ALL_SHOWN,
             GS_W,
+            WILD_GS,
             GS_W_VISIBILITY,
+            WILD_GS_VISIBILITY,
         ],
     },
 ];
@@ -209,6 +216,7 @@ const EVERYTHING: &[Entry] = &[
     DEGAUSS,
     CLOUD_ALL_SHOWN,
     GS_W,
+    WILD_GS,
 ];
 
 const LEGO: Group = Group {
@@ -311,7 +319,7 @@ pub(super) const REAL: &[Group] = &[
             kind: Kind::AsIs,
             split: None,
             appearances: FITTED,
-            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF, WILD_GAUSSIANS, GS_W],
+            entries: &[PLAIN, ROBUST_CODES, NERF_A, NERF_W, HA_NERF, WILD_GAUSSIANS, GS_W, WILD_GS],
         }],
     },
     Group {

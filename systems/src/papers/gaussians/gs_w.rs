@@ -56,7 +56,8 @@ pub(super) const MAPS: MapSettings = MapSettings {
 };
 
 /// Released: from step 2 500 of 70 000 on; 0.15.
-pub(super) const VISIBILITY: VisibilitySettings = VisibilitySettings { judge_from: 0.15, visibility_weight: 0.15 };
+pub(super) const VISIBILITY: VisibilitySettings =
+    VisibilitySettings { judge_from: 0.15, visibility_weight: 0.15, visibility_left: 1.0 };
 
 static RECIPE: Recipe = Recipe {
     claim: CLAIM,

@@ -1,6 +1,7 @@
 //! Systems of Gaussians: a file each, on what all of them are made of (`recipe`) and where they begin (`start`).
 
 pub(crate) mod degauss;
+mod depth_files;
 pub(crate) mod four_d_gaussians;
 pub(crate) mod gs_w;
 mod layers;
@@ -10,3 +11,4 @@ pub(crate) mod splat;
 pub(crate) mod spotless;
 mod start;
 pub(crate) mod wild_gaussians;
+pub(crate) mod wild_gs;

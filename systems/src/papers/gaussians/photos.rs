@@ -1,22 +1,26 @@
 //! What photos of one place differ in: appearance, and what stands before the scene; the parts of a cloud that know of it.
 
+use super::depth_files::{has_depths, read_depths};
 use crate::cloud_appearance::{AppearanceChoice, CloudAppearance, Tone, ToneSettings};
 use crate::cloud_maps::{FeatureMaps, MapSettings};
 use crate::cloud_occluders::{
     CloudOccluders, ErrorJudge, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, OccluderChoice, PhotoFeatures,
     PhotoMasks, StructureJudge, StructureSettings, VisibilityJudge, VisibilitySettings,
 };
+use crate::cloud_triplane::{Triplane, TriplaneSettings};
 use crate::limits::refuse;
 use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig};
 use crate::occluders::photo_features::{AskedBy, has_features, read_features};
 use crate::settings::Settings;
 use crate::views::{
-    ColourAppearance, ExtraRows, PlaceCodes, RenderJudge, RowStart, SamplePlaces, Structure, SurveyJudge,
+    ColourAppearance, DepthShapeTerm, ExtraRows, PictureTerm, PlaceCodes, RenderJudge, RowStart, SamplePlaces,
+    Structure, SurveyJudge, first_of, not_negative,
 };
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::SystemError;
 use scene_io::{Features, Scene};
+use serde::{Deserialize, Serialize};
 use splat_core::Gaussians;
 use std::sync::Arc;
 
@@ -29,6 +33,7 @@ pub(super) struct PhotoParts {
     pub(super) appearance: CloudAppearance,
     pub(super) tone: ToneSettings,
     pub(super) maps: MapSettings,
+    pub(super) triplane: TriplaneSettings,
     /// Degree of the spherical harmonics where there is an appearance: each photo shows the cloud from one side, and colours that
     /// depend on the side could take the place of its tone.
     pub(super) sh_degree: usize,
@@ -40,6 +45,16 @@ pub(super) struct PhotoParts {
     pub(super) errors: ErrorMaskSettings,
     pub(super) features: FeatureMaskSettings,
     pub(super) visibility: VisibilitySettings,
+    /// Depth is held to the shape of estimated depth; `None`: it is not, whatever files there are.
+    pub(super) depth: Option<DepthSettings>,
+}
+
+/// Depth by files of other programs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DepthSettings {
+    /// Weight of how unlike shapes of rendered depth are to those of depth files; without files there is no such term.
+    pub(super) depth_weight: f32,
 }
 
 /// What is asked of the photos before settings are.
@@ -49,11 +64,17 @@ pub(super) struct Seen {
     pub(super) longest: u32,
     /// Whether any has features, as a file.
     pub(super) features: bool,
+    /// Whether any has depth or disparity, as a file.
+    pub(super) depths: bool,
 }
 
 impl Seen {
     pub(super) fn of(scene: &Scene, data: &Dataset) -> Self {
-        Self { longest: data.longest_side().unwrap_or(0), features: has_features(scene, data) }
+        Self {
+            longest: data.longest_side().unwrap_or(0),
+            features: has_features(scene, data),
+            depths: has_depths(data),
+        }
     }
 }
 
@@ -75,6 +96,11 @@ impl PhotoParts {
                 let maps = settings.of(&self.maps)?;
                 maps.check()?;
                 AskedAppearance::Maps(maps)
+            }
+            CloudAppearance::Triplane => {
+                let triplane = settings.of(&self.triplane)?;
+                triplane.check()?;
+                AskedAppearance::Triplane(triplane)
             }
         };
         let OccluderChoice { occluders } = settings.of(&OccluderChoice { occluders: self.occluders })?;
@@ -105,7 +131,11 @@ impl PhotoParts {
                 AskedOccluders::Errors(errors)
             }
         };
-        Ok(AskedPhotos { appearance, sh_degree: self.sh_degree, structure: self.structure, occluders })
+        let depth = match &self.depth {
+            None => AskedDepth::Never,
+            Some(depth) => AskedDepth::of(settings.of(depth)?, seen)?,
+        };
+        Ok(AskedPhotos { appearance, sh_degree: self.sh_degree, structure: self.structure, occluders, depth })
     }
 
     fn by_features(&self, settings: &mut Settings<'_>) -> Result<AskedOccluders, SystemError> {
@@ -121,12 +151,49 @@ pub(super) struct AskedPhotos {
     sh_degree: usize,
     structure: Structure,
     occluders: AskedOccluders,
+    depth: AskedDepth,
+}
+
+/// What depth is held to.
+enum AskedDepth {
+    /// Nothing, as no one asked.
+    Never,
+    /// Nothing, as there are no files.
+    WithoutFiles,
+    /// Shapes in files, with a weight.
+    Files(f32),
+}
+
+impl AskedDepth {
+    fn of(settings: DepthSettings, seen: Seen) -> Result<Self, SystemError> {
+        let weight = settings.depth_weight;
+        first_of([not_negative("depth_weight", weight.into())])?;
+        Ok(match (weight > 0.0, seen.depths) {
+            (false, _) => Self::Never,
+            (true, false) => Self::WithoutFiles,
+            (true, true) => Self::Files(weight),
+        })
+    }
+
+    /// For people.
+    fn line(&self) -> Option<String> {
+        match self {
+            Self::Never => None,
+            Self::WithoutFiles => Some(
+                "depth: no photo has a file of depths or disparities, so rendered depth is held to nothing".to_owned(),
+            ),
+            Self::Files(weight) => {
+                Some(format!("depth: rendered depth is held to the shape of the photos' depth files, weight {weight}"))
+            }
+        }
+    }
 }
 
 enum AskedAppearance {
     None,
     Codes(ToneSettings),
     Maps(MapSettings),
+    Triplane(TriplaneSettings),
 }
 
 enum AskedOccluders {
@@ -145,6 +212,8 @@ pub(super) struct PhotoKnowledge {
     pub(super) appearance: Option<Box<dyn ColourAppearance>>,
     pub(super) judge: Option<Box<dyn RenderJudge>>,
     pub(super) surveys: Option<Box<dyn SurveyJudge>>,
+    /// What a picture costs besides its colours.
+    pub(super) terms: Vec<Box<dyn PictureTerm>>,
 }
 
 /// What each Gaussian has of its own, and its learning rate.
@@ -182,7 +251,7 @@ impl AskedPhotos {
         match &self.appearance {
             AskedAppearance::None => None,
             AskedAppearance::Codes(tone) => Some(tone.appearance_dims),
-            AskedAppearance::Maps(_) => Some(FIELD_CODES),
+            AskedAppearance::Maps(_) | AskedAppearance::Triplane(_) => Some(FIELD_CODES),
         }
     }
 
@@ -213,6 +282,10 @@ impl AskedPhotos {
                 let rows = OwnRows::CodeAndPlaces { rate: maps.place_code_lr, maps: maps.sampled_maps, seed };
                 (rows, Some(Box::new(part)))
             }
+            AskedAppearance::Triplane(triplane) => {
+                let part = Triplane::new(triplane, photos, horizon, seed)?;
+                (OwnRows::Code(triplane.place_code_lr), Some(Box::new(part)))
+            }
         })
     }
 
@@ -233,7 +306,11 @@ impl AskedPhotos {
             appearance,
             judge: None,
             surveys: None,
+            terms: Vec::new(),
         };
+        if let AskedDepth::Files(weight) = self.depth {
+            known.terms.push(Box::new(DepthShapeTerm::new(weight, read_depths(data)?)));
+        }
         match &self.occluders {
             AskedOccluders::None => {}
             AskedOccluders::Photos(masks, outliers) => {
@@ -270,6 +347,13 @@ impl AskedPhotos {
                 maps.encoder_side / 2,
                 maps.sampled_maps
             ),
+            AskedAppearance::Triplane(triplane) => format!(
+                "appearance: from step {} of the cloud on each photo is projected back to three planes of {} cells a side; {} numbers for \
+                 it as a whole",
+                (triplane.plane_from * horizon as f64) as u64,
+                triplane.plane_side,
+                triplane.photo_dims
+            ),
         };
         let occluders = match &self.occluders {
             AskedOccluders::None => "occluders: none are left out".to_owned(),
@@ -294,7 +378,7 @@ impl AskedPhotos {
                 (judge.judge_from * horizon as f64) as u64
             ),
         };
-        vec![appearance, occluders]
+        [appearance, occluders].into_iter().chain(self.depth.line()).collect()
     }
 }
 

@@ -86,12 +86,12 @@ impl Recipe {
         let field = field.map(|terms| FieldBefore { terms, refill, seeing, codes });
         let start = at.start(cloud, &layout, &asked.frame, data, seeing, run.seed)?;
         let mut training = asked.training;
-        let (mut appearance, mut judge, mut surveys) = (None, None, None);
+        let (mut appearance, mut judge, mut surveys, mut of_photos) = (None, None, None, Vec::new());
         let mut loss = asked.loss.as_ref().map(|loss| L1Dssim::new(Simd::best(), loss));
         if let Some(photos) = photos {
             training.extra = photos.rows(&start.cloud);
             loss = loss.map(|loss| loss.with_structure(photos.structure));
-            (appearance, judge, surveys) = (photos.appearance, photos.judge, photos.surveys);
+            (appearance, judge, surveys, of_photos) = (photos.appearance, photos.judge, photos.surveys, photos.terms);
         }
         let begin = if field.is_some_and(|field| field.terms.seeds.is_some()) {
             "start, should the field see nothing"
@@ -115,7 +115,7 @@ impl Recipe {
             frame: asked.frame,
             pictures: asked.pictures,
             clouds: [behind].into_iter().chain(front).collect(),
-            terms: loss.into_iter().map(|loss| Box::new(loss) as Box<dyn PictureTerm>).collect(),
+            terms: loss.into_iter().map(|loss| Box::new(loss) as Box<dyn PictureTerm>).chain(of_photos).collect(),
             weights: vec![Box::new(MaskWeight)],
             appearance,
             judge,
@@ -155,6 +155,7 @@ impl Recipe {
                 ("occluders", "errors"),
                 ("occluders", "visibility"),
                 ("appearance", "maps"),
+                ("appearance", "triplane"),
             ];
             words.extend(of_photos.map(Some));
         }

@@ -21,6 +21,7 @@ use super::start::StartKind;
 use crate::claims::Claim;
 use crate::cloud_appearance::{CloudAppearance, ToneSettings};
 use crate::cloud_occluders::{CloudOccluders, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, StructureSettings};
+use crate::cloud_triplane::TriplaneSettings;
 use crate::plan::{Ask, Built};
 use crate::views::{L1DssimConfig, Structure};
 
@@ -61,6 +62,7 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     appearance: CloudAppearance::Codes,
     tone: TONE,
     maps: MAPS,
+    triplane: TriplaneSettings::PLANNED,
     sh_degree: 1,
     structure: Structure::Plain,
     occluders: CloudOccluders::Photos,
@@ -69,6 +71,7 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     errors: ERRORS,
     features: FEATURES,
     visibility: VISIBILITY,
+    depth: None,
 };
 
 static RECIPE: Recipe = Recipe {

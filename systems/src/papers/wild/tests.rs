@@ -180,7 +180,7 @@ fn systems_have_the_names_that_they_were_asked_for_by() {
     for name in names(Family::Wild).into_iter().filter(|name| !["auto", "plain"].contains(name)) {
         let set = match name {
             "ha-nerf-a" | "ha-nerf" => "occupancy = 16\nencoder_channels = [4]",
-            "wild-gaussians" | "spotless" | "gs-w" | "degauss" => "max_splats = 100",
+            "wild-gaussians" | "spotless" | "gs-w" | "wild-gs" | "degauss" => "max_splats = 100",
             _ => "occupancy = 16",
         };
         let run = RunOptions { seed: 0, background: None, error_budget: None, stop: None, set: set.parse().unwrap() };

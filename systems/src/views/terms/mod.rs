@@ -5,12 +5,14 @@
 
 #[cfg_attr(not(test), allow(dead_code, reason = "no published system is made of it yet"))]
 mod depth;
+mod depth_shape;
 mod l1_dssim;
 #[cfg(test)]
 mod tests;
 
 #[cfg(test)]
 pub(crate) use depth::{DepthMap, DepthTerm};
+pub(crate) use depth_shape::{DepthShapeTerm, Nearness};
 pub(crate) use l1_dssim::{L1Dssim, L1DssimConfig, Structure};
 
 use super::planes::{PlaneBars, RenderedPicture};
@@ -49,5 +51,10 @@ pub(crate) trait PictureTerm: Send + Sync {
     /// Whether it reads the colours before the appearance.
     fn reads_plain(&self) -> bool {
         false
+    }
+
+    /// Bytes of what it knows of photos.
+    fn bytes(&self) -> usize {
+        0
     }
 }

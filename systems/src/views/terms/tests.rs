@@ -70,6 +70,12 @@ fn depth_term() -> DepthTerm {
     DepthTerm { factor: 0.8, maps: vec![Some(DepthMap { size: [3, 2], z: MEASURED.to_vec() })] }
 }
 
+/// What is known of how near things are, but of some pixels.
+fn shape_term(factor: f32) -> DepthShapeTerm {
+    let values = (0..PIXELS).map(|i| if i % 9 == 0 { f32::NAN } else { (i * 5 % 13) as f32 }).collect();
+    DepthShapeTerm::new(factor, vec![Some(Nearness { size: SIZE, values })])
+}
+
 fn terms() -> [Box<dyn PictureTerm>; 2] {
     [Box::new(L1Dssim::new(Simd::best(), &L1DssimConfig { dssim: 0.3 })), Box::new(depth_term())]
 }
@@ -128,4 +134,67 @@ fn shares_that_are_none_are_refused() {
         assert!(error.contains("dssim"), "{error}");
     }
     assert!(L1DssimConfig { dssim: 1.0 }.check().is_ok());
+}
+
+/// A wide picture whose pixels all show something.
+fn wide_picture(known: &[f32], weights: Option<&[f32]>, depth: &[f32], transmittance: &[f32]) -> (f64, [Vec<f32>; 2]) {
+    const WIDE: [usize; 2] = [12, 8];
+    let (colour, mut bars, mut loss) = (vec![0.0; 3 * 96], PlaneBars::default(), 0.0);
+    let picture =
+        RenderedPicture { size: WIDE, colour: &colour, depth: Some(depth), extras: &[], plain: None, transmittance };
+    let target = TargetPicture { view: 0, colour: &colour, weights };
+    bars.begin(96, 4, PlaneLayout { depth: true, extras: 0, plain: false });
+    let mut term = DepthShapeTerm::new(0.05, vec![Some(Nearness { size: WIDE, values: known.to_vec() })]);
+    assert!(term.reads_depth() && term.bytes() == 4 * 96);
+    term.add(&picture, &target, &mut bars, &mut loss).unwrap();
+    (loss, [bars.depth().to_vec(), bars.transmittance().to_vec()])
+}
+
+#[test]
+fn shapes_of_depth_have_the_gradient_of_differences_and_leave_out_what_does_not_count() {
+    let uniform = |stream| {
+        let mut out = vec![0.0; 96];
+        Rng::new(8, stream).fill_uniform(0, &mut out);
+        out
+    };
+    let transmittance: Vec<f32> = uniform(1).iter().map(|u| 0.4 * u).collect();
+    let depth: Vec<f32> = uniform(2).iter().zip(&transmittance).map(|(u, t)| (1.0 - t) * (1.0 + u)).collect();
+    let mut known = uniform(3);
+    (known[3], known[40]) = (f32::NAN, f32::INFINITY);
+    let weights: Vec<f32> = (0..96).map(|i| if i % 11 == 0 { 0.4 } else { 1.0 }).collect();
+    let (loss, bars) = wide_picture(&known, Some(&weights), &depth, &transmittance);
+    assert!(loss > 0.02 && loss < 0.08, "{loss}");
+    let largest = bars.iter().flatten().fold(0.0_f32, |most, g| most.max(g.abs()));
+    for (plane, bar) in bars.iter().enumerate() {
+        assert!([0, 11, 3, 40].iter().all(|i| bar[*i] == 0.0), "what does not count, and what is not known");
+        for (i, got) in bar.iter().enumerate() {
+            let along = |step: f32| {
+                let mut at = [depth.clone(), transmittance.clone()];
+                at[plane][i] += step;
+                wide_picture(&known, Some(&weights), &at[0], &at[1]).0
+            };
+            let want = (along(1e-3) - along(-1e-3)) / 2e-3;
+            assert!((f64::from(*got) - want).abs() < 0.01 * f64::from(largest), "plane {plane}, {i}: {got} for {want}");
+        }
+    }
+    // The nearness of the picture itself has its shape.
+    let near: Vec<f32> = depth.iter().zip(&transmittance).map(|(d, t)| 3.0 * (1.0 - t) / d - 7.0).collect();
+    assert!(wide_picture(&near, None, &depth, &transmittance).0 < 1e-8);
+}
+
+#[test]
+fn few_pixels_flat_depth_and_nothing_have_no_shape() {
+    let made = Made::new();
+    let nothing = |(loss, bars): (f64, [Vec<f32>; 3])| loss == 0.0 && bars.iter().flatten().all(|g| *g == 0.0);
+    assert!(nothing(made.run(&mut shape_term(1.0), None)), "fewer pixels than have a shape");
+    assert!(nothing(made.run(&mut DepthShapeTerm::new(1.0, vec![None]), None)));
+    assert!(nothing(made.run(&mut DepthShapeTerm::new(1.0, Vec::new()), None)));
+    let (flat, ramp): (Vec<f32>, Vec<f32>) = (vec![0.9; 96], (0..96).map(|i| i as f32).collect());
+    for (known, depth, transmittance) in
+        [(&flat, &ramp, vec![0.1; 96]), (&ramp, &flat, vec![0.1; 96]), (&ramp, &ramp, vec![1.0; 96])]
+    {
+        let (loss, bars) = wide_picture(known, None, depth, &transmittance);
+        assert!(loss == 0.0 && bars.iter().flatten().all(|g| *g == 0.0));
+    }
+    assert_eq!(wide_picture(&ramp, Some(&[0.0; 96]), &ramp, &[0.1; 96]).0, 0.0);
 }

@@ -20,7 +20,7 @@ use stress::{Verdict, ensure, finite};
 const METHODS: [&str; 9] =
     ["robust-nerf", "nerf-w", "nerf-a", "nerf-u", "ha-nerf", "ha-nerf-a", "ha-nerf-t", "sf-nerf", "hugs"];
 /// Those that are clouds: with an appearance for each photo, and with one for all.
-const CLOUDS: [&str; 3] = ["wild-gaussians", "gs-w", "spotless"];
+const CLOUDS: [&str; 4] = ["wild-gaussians", "gs-w", "wild-gs", "spotless"];
 /// A cloud with few Gaussians, that come and go.
 const TINY_CLOUD: [&str; 6] =
     ["start=random", "start_count=200", "max_splats=400", "densify_from=1", "densify_every=2", "horizon=6"];
@@ -31,12 +31,14 @@ fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
     let appearance = chosen("appearance").unwrap_or(match name {
         "nerf-w" | "nerf-a" | "sf-nerf" | "wild-gaussians" => "codes",
         "gs-w" => "maps",
+        "wild-gs" => "triplane",
         "ha-nerf" | "ha-nerf-a" => "encoder",
         _ => "none",
     });
     let mut small = match appearance {
         "codes" => vec!["appearance_dims=3"],
         "maps" => vec!["encoder_side=16", "map_channels=2", "tone_width=4"],
+        "triplane" => vec!["encoder_side=16", "plane_side=16", "plane_channels=2", "tone_width=4"],
         "encoder" => vec![
             "appearance_dims=3",
             "view_every=1",

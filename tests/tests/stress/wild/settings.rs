@@ -6,7 +6,7 @@ use scene_io::{PerturbationKind, perturb};
 use stress::Tally;
 
 /// Accepted at either end, by method.
-const ACCEPTED: [(&str, &str); 12] = [
+const ACCEPTED: [(&str, &str); 13] = [
     (
         "robust-nerf",
         "judging=batch judging=never judge_first=1 judge_first=9223372036854775807 judge_scale=1e-38 judge_scale=3e38
@@ -82,7 +82,17 @@ const ACCEPTED: [(&str, &str); 12] = [
         sampled_maps=0 sampled_maps=4 map_channels=1 map_channels=64 tone_width=1 tone_width=512 tone_scale=1e-38
         tone_scale=1000.0 sample_weight=0.0 sample_weight=1000.0 place_code_lr=0.0 place_code_lr=1000.0 tone_lr=1e-38
         tone_lr=1000.0 encoder_lr=1e-38 encoder_lr=0.1 occluders=visibility+judge_from=0.0
-        occluders=visibility+visibility_weight=1e-38 occluders=visibility+visibility_weight=3e38",
+        occluders=visibility+visibility_weight=1e-38 occluders=visibility+visibility_weight=3e38
+        occluders=visibility+visibility_left=1e-38",
+    ),
+    (
+        "wild-gs",
+        "appearance=none appearance=codes appearance=maps occluders=none occluders=visibility encoder_side=16
+        encoder_side=512 plane_side=16 plane_side=512 plane_channels=1 plane_channels=64 plane_crop=0.0 plane_crop=0.4
+        plane_from=0.0 plane_from=1.0 photo_dims=0 photo_dims=256 plane_from=1.0+photo_dims=0 tone_width=1
+        tone_width=512 tone_scale=1e-38 tone_scale=1000.0 place_code_lr=0.0 place_code_lr=1000.0 tone_lr=1e-38
+        tone_lr=1000.0 encoder_lr=1e-38 encoder_lr=0.1 depth_weight=0.0 depth_weight=3e38
+        occluders=visibility+visibility_weight=1e-38 occluders=visibility+visibility_left=1.0",
     ),
 ];
 

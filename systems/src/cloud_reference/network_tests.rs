@@ -1,11 +1,10 @@
 //! The network of feature maps against its definition in `f64`.
 
-use super::map_network::{MapMemory, MapNetwork};
-use super::settings::MapSettings;
-use super::tests::SETTINGS;
+use super::map_network::{MapMemory, MapNetwork, MapShape};
 use field_core::rng::Rng;
 
-const SIDE: usize = SETTINGS.encoder_side;
+const SIDE: usize = 16;
+const SHAPE: MapShape = MapShape { side: SIDE, channels: 3, planes: 6, tones: true };
 
 /// Channels of square maps.
 #[derive(Clone)]
@@ -76,7 +75,8 @@ impl Maps {
     }
 }
 
-fn twin(params: &[f64], pixels: &[f64], outputs: usize) -> Vec<f64> {
+fn twin(shape: MapShape, params: &[f64], pixels: &[f64]) -> Vec<f64> {
+    let outputs = shape.planes;
     let mut rest = params;
     let rest = &mut rest;
     let photo = Maps { side: SIDE, values: pixels.to_vec() };
@@ -95,6 +95,10 @@ fn twin(params: &[f64], pixels: &[f64], outputs: usize) -> Vec<f64> {
         .chunks_exact(SIDE * SIDE)
         .flat_map(|x| [-50.0, -5.0, 0.0, 5.0, 50.0_f64].map(|tilt| tone(x, tilt)))
         .collect();
+    if !shape.tones {
+        assert!(rest.is_empty());
+        return maps.values;
+    }
     for (plane, weights) in maps.values.chunks_exact_mut(SIDE * SIDE / 4).zip(rest.chunks_exact(tones.len())) {
         let sum: f64 = weights.iter().zip(&tones).map(|(w, tone)| w * tone).sum();
         plane.iter_mut().for_each(|x| *x += sum);
@@ -123,22 +127,27 @@ fn numbers(stream: u64, n: usize) -> Vec<f32> {
 
 #[test]
 fn maps_and_their_gradient_are_those_of_the_definition() {
-    let network = MapNetwork::new(&SETTINGS).unwrap();
+    check(SHAPE);
+    check(MapShape { channels: 5, planes: 2, tones: false, ..SHAPE });
+}
+
+fn check(shape: MapShape) {
+    let network = MapNetwork::new(shape, "side").unwrap();
     let mut params = network.init(Rng::new(3, 0));
     // Biases as well.
     params.iter_mut().zip(numbers(0, network.param_count())).for_each(|(p, x)| *p += 0.02 * x);
-    let (pixels, outputs) = (numbers(1, 3 * SIDE * SIDE), SETTINGS.maps() * SETTINGS.map_channels);
+    let pixels = numbers(1, shape.channels * SIDE * SIDE);
     let mut memory = MapMemory::default();
     let maps = network.forward(&params, &pixels, &mut memory).to_vec();
-    assert_eq!(maps.len(), SETTINGS.map_numbers());
+    assert_eq!(maps.len(), network.map_numbers());
     let (wide_params, wide_pixels) = (wide(&params), wide(&pixels));
-    for (got, want) in maps.iter().zip(twin(&wide_params, &wide_pixels, outputs)) {
+    for (got, want) in maps.iter().zip(twin(shape, &wide_params, &wide_pixels)) {
         assert!((f64::from(*got) - want).abs() < 2e-5, "{got} {want}");
     }
     let bar = numbers(2, maps.len());
     let got = network.backward(&params, &bar, &mut memory);
     let value = |params: &[f64]| -> f64 {
-        twin(params, &wide_pixels, outputs).iter().zip(&bar).map(|(x, w)| x * f64::from(*w)).sum()
+        twin(shape, params, &wide_pixels).iter().zip(&bar).map(|(x, w)| x * f64::from(*w)).sum()
     };
     let largest = got.iter().fold(0.0_f32, |most, x| most.max(x.abs()));
     assert!(largest > 0.1, "{largest}");
@@ -161,13 +170,12 @@ fn maps_and_their_gradient_are_those_of_the_definition() {
 #[test]
 fn photos_of_one_colour_have_maps_and_no_side_is_too_small() {
     for side in [16, 48] {
-        let settings = MapSettings { encoder_side: side, ..SETTINGS };
-        let network = MapNetwork::new(&settings).unwrap();
+        let network = MapNetwork::new(MapShape { side, ..SHAPE }, "side").unwrap();
         let params = network.init(Rng::new(3, 0));
         for grey in [-1.0, 0.0, 1.0] {
             let mut memory = MapMemory::default();
             let maps = network.forward(&params, &vec![grey; 3 * side * side], &mut memory).to_vec();
-            assert_eq!(maps.len(), settings.map_numbers());
+            assert_eq!(maps.len(), network.map_numbers());
             assert!(maps.iter().all(|x| x.is_finite()), "{grey}");
         }
         assert!(network.memory_len() > 0);

@@ -7,23 +7,23 @@ use splat_core::Gaussians;
 
 /// What was worked out since the networks last changed.
 #[derive(Default)]
-pub(super) struct Cached {
+pub(crate) struct Cached {
     /// The code of the mean appearance.
-    pub(super) mean: Option<Vec<f32>>,
+    pub(crate) mean: Option<Vec<f32>>,
     /// Those of the last picture.
-    pub(super) tones: Option<CloudTones>,
+    pub(crate) tones: Option<CloudTones>,
 }
 
 /// The tones of all Gaussians of a cloud in one appearance.
-pub(super) struct CloudTones {
-    pub(super) code: Vec<f32>,
+pub(crate) struct CloudTones {
+    pub(crate) code: Vec<f32>,
     /// Its [`fingerprint`].
-    pub(super) cloud: u64,
-    pub(super) tones: Vec<ToneOf>,
+    pub(crate) cloud: u64,
+    pub(crate) tones: Vec<ToneOf>,
 }
 
 /// Tells clouds apart by what tones depend on.
-pub(super) fn fingerprint(cloud: &DrawnCloud<'_>) -> u64 {
+pub(crate) fn fingerprint(cloud: &DrawnCloud<'_>) -> u64 {
     const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
     let mix = |sum: u64, x: u64| (sum ^ x).wrapping_mul(FACTOR).rotate_left(29);
     let of = |values: &[f32]| -> u64 {

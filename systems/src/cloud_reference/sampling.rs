@@ -1,14 +1,12 @@
-//! Features of Gaussians: maps of a photo, sampled bilinearly.
+//! Maps of a photo, sampled bilinearly.
 
-use super::reference::{CAMERA, Code};
-use super::settings::MapSettings;
-use crate::views::DrawnCloud;
+use super::reference::CAMERA;
 
 /// Points nearer to the camera than this are behind it; internal units.
 const NEAR: f32 = 1e-4;
 
 /// Maps as they are read: `[map][pixel][channel]`.
-pub(super) struct Texels {
+pub(crate) struct Texels {
     side: usize,
     channels: usize,
     values: Vec<f32>,
@@ -16,10 +14,10 @@ pub(super) struct Texels {
 
 /// Where a map is read: between four pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Tap {
+pub(crate) struct Tap {
     /// Pixels: left and right of the upper row, left and right of the lower one.
-    pub(super) at: [u32; 4],
-    pub(super) shares: [f32; 4],
+    pub(crate) at: [u32; 4],
+    pub(crate) shares: [f32; 4],
     /// How far right and down of the first.
     part: [f32; 2],
     /// Derivative of the place in pixels along each axis: 0 beyond the outermost centres, where it does not matter.
@@ -46,13 +44,13 @@ impl Tap {
     }
 
     /// At normalised coordinates, -1 and 1 the borders (not the outermost centres).
-    pub(super) fn at_coordinates(coordinates: [f32; 2], side: usize) -> Self {
+    pub(crate) fn at_coordinates(coordinates: [f32; 2], side: usize) -> Self {
         let half = 0.5 * side as f32;
         Self::new(coordinates.map(|x| (x + 1.0) * half - 0.5), half, side)
     }
 
     /// Where a point of the clouds' frame is in the photo of a camera; `None` outside, and behind it.
-    pub(super) fn projected(camera: &[f32; CAMERA], p: [f32; 3], side: usize) -> Option<Self> {
+    pub(crate) fn projected(camera: &[f32; CAMERA], p: [f32; 3], side: usize) -> Option<Self> {
         let row = |k: usize| camera[k] * p[0] + camera[k + 1] * p[1] + camera[k + 2] * p[2] + camera[k + 3];
         let depth = row(8);
         if depth.is_nan() || depth <= NEAR {
@@ -65,12 +63,12 @@ impl Tap {
 }
 
 impl Texels {
-    pub(super) fn new(settings: &MapSettings, code: &Code<'_>) -> Self {
-        let (side, channels) = (settings.map_side(), settings.map_channels);
+    /// Of maps `[map][channels][side][side]`.
+    pub(crate) fn new(maps: &[f32], channels: usize, side: usize) -> Self {
         let pixels = side * side;
-        let mut values = vec![0.0; code.maps.len()];
-        let maps = code.maps.chunks_exact(channels * pixels).zip(values.chunks_exact_mut(channels * pixels));
-        for (map, out) in maps {
+        let mut values = vec![0.0; maps.len()];
+        let each = maps.chunks_exact(channels * pixels).zip(values.chunks_exact_mut(channels * pixels));
+        for (map, out) in each {
             for (c, plane) in map.chunks_exact(pixels).enumerate() {
                 out[c..].iter_mut().step_by(channels).zip(plane).for_each(|(to, from)| *to = *from);
             }
@@ -78,8 +76,23 @@ impl Texels {
         Self { side, channels, values }
     }
 
+    /// Pixels along a side.
+    pub(crate) fn side(&self) -> usize {
+        self.side
+    }
+
+    /// Maps.
+    pub(crate) fn maps(&self) -> usize {
+        self.values.len() / (self.side * self.side * self.channels)
+    }
+
+    /// Numbers of all maps.
+    pub(crate) fn len(&self) -> usize {
+        self.values.len()
+    }
+
     /// Numbers of a pixel.
-    pub(super) fn channels(&self) -> usize {
+    pub(crate) fn channels(&self) -> usize {
         self.channels
     }
 
@@ -89,7 +102,7 @@ impl Texels {
     }
 
     /// Features of a map, channel by channel.
-    pub(super) fn sample(&self, map: usize, tap: &Tap, mut put: impl FnMut(usize, f32)) {
+    pub(crate) fn sample(&self, map: usize, tap: &Tap, mut put: impl FnMut(usize, f32)) {
         let [a, b, d, e] = tap.at.map(|pixel| self.texel(map, pixel));
         let [of_a, of_b, of_d, of_e] = tap.shares;
         for (c, (((a, b), d), e)) in a.iter().zip(b).zip(d).zip(e).enumerate() {
@@ -98,7 +111,7 @@ impl Texels {
     }
 
     /// Gradient with respect to the coordinates of [`Tap::at_coordinates`], where `bar` gives that with respect to each channel.
-    pub(super) fn coordinates_bar(&self, map: usize, tap: &Tap, bar: impl Fn(usize) -> f32) -> [f32; 2] {
+    pub(crate) fn coordinates_bar(&self, map: usize, tap: &Tap, bar: impl Fn(usize) -> f32) -> [f32; 2] {
         let corners = tap.at.map(|pixel| self.texel(map, pixel));
         let [right, down] = tap.part;
         let mut sum = [0.0; 2];
@@ -108,25 +121,5 @@ impl Texels {
             sum[1] += bar(c) * ((1.0 - right) * (d - a) + right * (e - b));
         }
         [sum[0] * tap.slope[0], sum[1] * tap.slope[1]]
-    }
-
-    /// Where Gaussian `i` reads each map: the first where it is projected, the others at the coordinates that it has, which are the extra
-    /// rows from `first` on.
-    pub(super) fn taps<'a>(
-        &'a self,
-        camera: &'a [f32; CAMERA],
-        cloud: &'a DrawnCloud<'_>,
-        first: usize,
-        i: usize,
-    ) -> impl Iterator<Item = Option<Tap>> + 'a {
-        let n = cloud.gaussians.len();
-        let maps = self.values.len() / (self.side * self.side * self.channels);
-        let p = [0, 1, 2].map(|k| cloud.gaussians.mean[k * n + i]);
-        let projected = std::iter::once_with(move || Tap::projected(camera, p, self.side));
-        projected.chain((0..maps - 1).map(move |map| {
-            let row = first + 2 * map;
-            let at = [row, row + 1].map(|row| cloud.extra[row * n + i]);
-            Some(Tap::at_coordinates(at, self.side))
-        }))
     }
 }

@@ -1,28 +1,30 @@
-//! The reference photo: made small and square, with the camera that took it; and the code of an appearance.
+//! The reference photo: made small and square, with the camera that took it, and how far away is what it shows.
 
-use super::settings::MapSettings;
 use crate::buffers::shapes_hold;
-use crate::views::SeenPhoto;
+use crate::views::{SeenDepth, SeenPhoto};
 use field_core::conv::{Extent, Size, adaptive_mean};
 use splat_core::View;
 
 /// Numbers of a camera.
-pub(super) const CAMERA: usize = 12;
+pub(crate) const CAMERA: usize = 12;
 /// Smallest part of a photo, along each side.
 const SMALLEST_PART: f32 = 0.5;
 
 /// A photo as it is encoded.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Reference {
+pub(crate) struct Reference {
     /// `[3][side][side]`, `2 srgb - 1`: the means of rectangles, of their pixels that count. Grey (0) where none does.
-    pub(super) pixels: Vec<f32>,
+    pub(crate) pixels: Vec<f32>,
+    /// `[side][side]`, depths `z` of what the cloud shows at the pixels' centres, internal units; 0 where nothing is known. Empty where
+    /// nobody asked.
+    pub(crate) depth: Vec<f32>,
     /// The camera: see [`camera_rows`]. All 0 where it is not known.
-    pub(super) camera: [f32; CAMERA],
+    pub(crate) camera: [f32; CAMERA],
 }
 
 /// A camera as three rows `a b c d`: each takes a point of the clouds' frame to `a x + b y + c z + d`. The third is the depth; the
 /// first two divided by it are the place on the photo, 0 to 1 along each side.
-pub(super) fn camera_rows(view: &View) -> [f32; CAMERA] {
+pub(crate) fn camera_rows(view: &View) -> [f32; CAMERA] {
     let mut rows = [0.0; CAMERA];
     let row = |i: usize| [view.r[i][0], view.r[i][1], view.r[i][2], view.t[i]];
     let depth = row(2);
@@ -42,12 +44,12 @@ type Part = [[usize; 2]; 2];
 
 impl Reference {
     /// All of a photo; `None` where there is no pixel.
-    pub(super) fn of(photo: &SeenPhoto<'_>, side: usize) -> Option<Self> {
+    pub(crate) fn of(photo: &SeenPhoto<'_>, side: usize) -> Option<Self> {
         Self::of_part(photo, side, photo.size.map(|n| [0, n]))
     }
 
     /// A part of a photo: of each side a half or more, `u` uniform numbers for its size and place.
-    pub(super) fn of_some_part(photo: &SeenPhoto<'_>, side: usize, u: [f32; 4]) -> Option<Self> {
+    pub(crate) fn of_some_part(photo: &SeenPhoto<'_>, side: usize, u: [f32; 4]) -> Option<Self> {
         let cut = |n: usize, size: f32, at: f32| {
             let share = SMALLEST_PART + (1.0 - SMALLEST_PART) * size;
             let part = ((n as f32 * share) as usize).clamp(1.min(n), n);
@@ -90,27 +92,25 @@ impl Reference {
                 camera[4 * axis + k] = (camera[4 * axis + k] - first * camera[8 + k]) / (end - first);
             }
         }
-        Some(Self { pixels, camera })
+        Some(Self { pixels, depth: depth_of(photo, side, part), camera })
+    }
+
+    /// The photo without its camera, and so without places.
+    pub(crate) fn without_place(self) -> Self {
+        Self { depth: Vec::new(), camera: [0.0; CAMERA], ..self }
     }
 }
 
-/// The numbers of an appearance: `[maps][channels][map_side][map_side]`, then the camera.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Code<'a> {
-    pub(super) maps: &'a [f32],
-    pub(super) camera: [f32; CAMERA],
-}
-
-impl<'a> Code<'a> {
-    /// # Panics
-    /// For a code of another length: it is of another system.
-    pub(super) fn new(settings: &MapSettings, code: &'a [f32]) -> Self {
-        assert_eq!(code.len(), settings.map_numbers() + CAMERA, "a code has as many numbers as those of the photos");
-        let (maps, rows) = code.split_at(settings.map_numbers());
-        let mut camera = [0.0; CAMERA];
-        camera.copy_from_slice(rows);
-        Self { maps, camera }
-    }
+/// Depths at the centres of the pixels of a part of a photo.
+fn depth_of(photo: &SeenPhoto<'_>, side: usize, part: Part) -> Vec<f32> {
+    let Some(SeenDepth { size, z }) = photo.depth else { return Vec::new() };
+    let at = |axis: usize, i: usize| {
+        let [first, end] = part[axis].map(|x| x as f32);
+        let place = (first + (i as f32 + 0.5) / side as f32 * (end - first)) / photo.size[axis] as f32;
+        ((place * size[axis] as f32) as usize).min(size[axis].saturating_sub(1))
+    };
+    let pixels = (0..side).flat_map(|y| (0..side).map(move |x| [x, y]));
+    pixels.map(|[x, y]| z.get(at(1, y) * size[0] + at(0, x)).copied().unwrap_or(0.0)).collect()
 }
 
 #[cfg(test)]
@@ -143,7 +143,7 @@ mod tests {
     fn a_part_is_seen_by_a_camera_of_its_own() {
         let view = view();
         let colour: Vec<f32> = (0..3 * 96).map(|i| (i % 12) as f32 / 12.0).collect();
-        let photo = SeenPhoto { size: SIZE, colour: &colour, weights: None, view: Some(&view) };
+        let photo = SeenPhoto { size: SIZE, colour: &colour, weights: None, view: Some(&view), depth: None };
         let part = Reference::of_part(&photo, 4, [[6, 12], [2, 6]]).unwrap();
         // Its columns 6 to 11, as they are; the mean of one and a half of them each.
         let shown: Vec<f32> = part.pixels[..4].iter().map(|x| 12.0 * (x + 1.0) / 2.0).collect();
@@ -151,6 +151,12 @@ mod tests {
         let p = [0.5, 0.1, 0.2];
         let ([u, v, _], [x, y, _]) = (place(&camera_rows(&view), p), place(&part.camera, p));
         assert!((x - (u * 12.0 - 6.0) / 6.0).abs() < 1e-5 && (y - (v * 8.0 - 2.0) / 4.0).abs() < 1e-5);
+        // Depths of the whole photo, each column another.
+        let z: Vec<f32> = (0..6 * 4).map(|i| (i % 6) as f32).collect();
+        let depth = Some(SeenDepth { size: [6, 4], z: &z });
+        let part = Reference::of_part(&SeenPhoto { depth, ..photo }, 4, [[6, 12], [2, 6]]).unwrap();
+        assert_eq!(part.depth[..4], [3.0, 4.0, 4.0, 5.0]);
+        assert!(part.without_place().depth.is_empty());
         for u in [[0.0; 4], [0.999; 4], [0.5, 0.0, 0.2, 0.9]] {
             let some = Reference::of_some_part(&photo, 4, u).unwrap();
             assert!(some.pixels.iter().all(|x| (-1.0..=1.0).contains(x)));
@@ -160,7 +166,7 @@ mod tests {
     #[test]
     fn small_photos_what_does_not_count_and_what_is_no_number() {
         let colour = [1.0, 0.0, f32::NAN];
-        let one = SeenPhoto { size: [1, 1], colour: &colour, weights: None, view: None };
+        let one = SeenPhoto { size: [1, 1], colour: &colour, weights: None, view: None, depth: None };
         let small = Reference::of(&one, 16).unwrap();
         assert_eq!(small.pixels, [[1.0; 256], [-1.0; 256], [0.0; 256]].concat());
         assert_eq!(small.camera, [0.0; CAMERA]);
