@@ -110,3 +110,18 @@ pub(crate) fn build(ask: Ask<'_>) -> Built {
 pub(crate) fn names() -> toml::Table {
     RECIPE.names()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::vertices_of_time;
+
+    #[test]
+    fn vertices_of_time_are_a_sixth_of_the_times_and_not_fewer_than_eight_where_there_are_as_many_pairs() {
+        let of = |count: u16| {
+            // Photos that share a time count once.
+            let times: Vec<f32> = (0..2 * count).map(|i| f32::from(i / 2)).collect();
+            vertices_of_time(&times)
+        };
+        assert_eq!([120, 70, 20, 6, 2, 1, 0].map(of), [20, 12, 8, 3, 2, 2, 2]);
+    }
+}
