@@ -52,7 +52,7 @@ impl TriplaneSettings {
         plane_channels: 8,
         plane_crop: 0.01,
         plane_from: 0.05,
-        photo_dims: 8,
+        photo_dims: 32,
         tone_width: 32,
         tone_scale: 0.1,
         place_code_lr: 5e-3,
