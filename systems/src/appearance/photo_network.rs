@@ -82,6 +82,13 @@ impl PhotoNetwork {
         weights.fill(0.0);
     }
 
+    /// Let codes begin as zeros: their convolutions say nothing yet.
+    pub(crate) fn begin_at_zero(&self, params: &mut [f32]) {
+        let last = self.encoder.param_count();
+        let channels = self.encoder.config().channels.last().map_or(0, |channels| channels + 1);
+        params[last - self.code() * channels..last].fill(0.0);
+    }
+
     /// The code of a picture, written.
     pub(crate) fn forward(
         &self,

@@ -95,11 +95,12 @@ impl PhotoCode for TriplaneCode {
 
     fn init(&self, rng: Rng) -> Vec<f32> {
         let mut params = self.planes.init(rng.substream(0));
-        // Planes say nothing before they know what is worth saying.
+        // Neither says anything before it knows what is worth saying.
         self.planes.begin_at_zero(&mut params);
         if let Some(photo) = &self.photo {
             let mut own = vec![0.0; photo.param_count()];
             photo.init(rng.substream(1), &mut own);
+            photo.begin_at_zero(&mut own);
             params.extend(own);
         }
         params
