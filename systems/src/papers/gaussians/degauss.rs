@@ -45,7 +45,7 @@ const LAYERS: LayerSettings = LayerSettings {
     front_structure: 0.1,
     front_each: 0.0,
     front_entropy: 2.5e-3,
-    front_sparsity: 0.02,
+    front_sparsity: 0.0,
     front_separation: 0.025,
     front_smoothness: 0.025,
     front_brightness: 0.125,
