@@ -23,6 +23,7 @@ use crate::claims::Claim;
 use crate::cloud_layers::LayerSettings;
 use crate::cloud_motion::{MotionParts, MotionSettings};
 use crate::plan::{Ask, Built};
+use crate::views::PhotoTimes;
 use std::sync::Arc;
 
 /// What differs from the paper.
@@ -51,11 +52,15 @@ const LAYERS: LayerSettings = LayerSettings {
     front_brightness: 0.125,
 };
 
-/// That of `4dgs` here; opacities and colours change, too, and planes have half as many vertices of time as there are times: photos
-/// without times show another thing in each.
-fn motion(times: Arc<[f32]>) -> MotionParts {
+/// That of `4dgs` here; opacities and colours change, too. Of photos without times each shows another thing: planes have half as many
+/// vertices of time as there are photos then.
+fn motion(times: Arc<[f32]>, of: PhotoTimes) -> MotionParts {
     let settings = MotionSettings { motion_opacity: true, motion_colour: true, ..four_d_gaussians::MOTION };
-    four_d_gaussians::moving(settings, 0, times)
+    let vertices = match of {
+        PhotoTimes::Own => four_d_gaussians::vertices_of_time(&times),
+        PhotoTimes::Order => 0,
+    };
+    four_d_gaussians::moving(settings, vertices, times)
 }
 
 static RECIPE: Recipe = Recipe {

@@ -21,7 +21,7 @@ use crate::claims::Claim;
 use crate::cloud_motion::{MotionParts, MotionSettings};
 use crate::fields::{PlaneGridSettings, PlaneGridSource};
 use crate::plan::{Ask, Built};
-use crate::views::{CloudConfig, L1DssimConfig};
+use crate::views::{CloudConfig, L1DssimConfig, PhotoTimes};
 use std::sync::Arc;
 
 /// What differs from the paper.
@@ -75,7 +75,7 @@ pub(super) fn moving(settings: MotionSettings, plane_times: u32, times: Arc<[f32
 
 /// Vertices of time for things that move steadily: a sixth of the times, as of D-NeRF's scenes as released. In short films eight, or
 /// half of the times where these are fewer.
-fn vertices_of_time(times: &[f32]) -> u32 {
+pub(super) fn vertices_of_time(times: &[f32]) -> u32 {
     let mut times = times.to_vec();
     times.sort_unstable_by(f32::total_cmp);
     times.dedup();
@@ -83,7 +83,7 @@ fn vertices_of_time(times: &[f32]) -> u32 {
     count.div_ceil(6).max(count.div_ceil(2).min(8)).max(2)
 }
 
-fn motion(times: Arc<[f32]>) -> MotionParts {
+fn motion(times: Arc<[f32]>, _: PhotoTimes) -> MotionParts {
     moving(MOTION, vertices_of_time(&times), times)
 }
 

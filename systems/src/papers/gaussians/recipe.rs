@@ -33,8 +33,8 @@ const SHORTEST: u64 = 1_000;
 /// Stream of random numbers of features.
 const STREAM: u64 = 0x666c_6f77;
 
-/// What moves a cloud, by the times of the photos.
-type MotionOf = fn(Arc<[f32]>) -> MotionParts;
+/// What moves a cloud, by the times of the photos, and whose times these are.
+type MotionOf = fn(Arc<[f32]>, PhotoTimes) -> MotionParts;
 
 /// What a system of one cloud is made of, before a scene asks for anything.
 pub(super) struct Recipe {
@@ -298,8 +298,8 @@ impl Planned {
         let loss = self.recipe.loss.as_ref().map(|loss| settings.of(loss)).transpose()?;
         pictures.check()?;
         loss.as_ref().map_or(Ok(()), L1DssimConfig::check)?;
-        let motion =
-            self.recipe.motion.map(|motion| AskedMotion::new(motion(self.times.clone()), settings)).transpose()?;
+        let motion = self.recipe.motion.map(|motion| motion(self.times.clone(), self.photo_times));
+        let motion = motion.map(|motion| AskedMotion::new(motion, settings)).transpose()?;
         let horizon = self.rates.horizon;
         let layers =
             self.recipe.layers.map(|layers| layers.asked(self.pace.as_ref(), horizon, settings)).transpose()?;
