@@ -87,6 +87,21 @@ fn a_training_makes_the_same_bits_on_any_number_of_threads() {
     }
 }
 
+#[test]
+fn gradients_without_their_signs_make_more_gaussians_at_the_same_threshold_and_move_none() {
+    let (scene, train, _) = table_data(20);
+    let run = |absolute: &str, steps| {
+        let set = [&BUSY[..], &["density=adc", "densify_gradient=1e-3", "coarse_steps=20", absolute]].concat();
+        state_after(system("splat", &scene, &train, &set).0, &train, 0..steps, None)
+    };
+    let [plain, absolute] =
+        ["densify_absolute=false", "densify_absolute=true"].map(|absolute| [run(absolute, 15), run(absolute, 21)]);
+    assert!(logits(&plain[0]) == logits(&absolute[0]), "before the first change");
+    let [few, many] = [&plain[1], &absolute[1]].map(|state| logits(state).len());
+    println!("{few} and {many} of 300 Gaussians");
+    assert!(many > few, "{few} and {many}");
+}
+
 const LENS: Lens = Lens::Perspective { k: [0.5, 0.1, 0.0, 0.0, 0.0, 0.0], p: [4e-3, -2e-3] };
 const SIZE: u32 = 48;
 

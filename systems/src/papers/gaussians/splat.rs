@@ -125,7 +125,7 @@ mod tests {
             RECIPE.of_nothing(&[], &mut settings).and_then(|_| settings.all())
         };
         let all = names();
-        assert_eq!(all.len(), 37, "{all:?}");
+        assert_eq!(all.len(), 38, "{all:?}");
         let adc = asked(toml::toml! { density = "adc" }).unwrap();
         assert!(
             adc.contains_key("reset_every") && !adc.contains_key("mcmc_cost") && !adc.contains_key("opacity_decay")
