@@ -84,7 +84,8 @@ pub fn plane_variation_backward(
 pub fn time_smoothness(plane: &[f32], shape: PlaneShape) -> Result<f64, LossError> {
     let Triples { row, count } = Triples::new(plane, shape)?;
     let square = |x: f64| x * x;
-    let sum: f64 = (0..count).map(|i| square(second_difference(plane, row, i))).sum();
+    let at = |i: usize| [plane[i], plane[i + row], plane[i + 2 * row]];
+    let sum: f64 = (0..count).map(|i| square(second_difference(at(i)))).sum();
     Ok(sum / count.max(1) as f64)
 }
 
@@ -111,7 +112,7 @@ pub fn time_smoothness_backward(
         let values = p0.iter().zip(p1).zip(p2);
         let bars = bar0.iter_mut().zip(bar1).zip(bar2);
         for (((&a, &b), &c), ((bar_a, bar_b), bar_c)) in values.zip(bars) {
-            let bar = bar * (f64::from(c) - 2.0 * f64::from(b) + f64::from(a));
+            let bar = bar * second_difference([a, b, c]);
             *bar_a += bar as f32;
             *bar_b -= (2.0 * bar) as f32;
             *bar_c += bar as f32;
@@ -159,8 +160,8 @@ impl Triples {
     }
 }
 
-/// In `f64`: second differences of large features cancel.
-fn second_difference(plane: &[f32], row: usize, i: usize) -> f64 {
-    let at = |i: usize| f64::from(plane[i]);
-    at(i + 2 * row) - 2.0 * at(i + row) + at(i)
+/// Of three time steps, in `f64`: second differences of large features cancel.
+fn second_difference(steps: [f32; 3]) -> f64 {
+    let [a, b, c] = steps.map(f64::from);
+    c - 2.0 * b + a
 }

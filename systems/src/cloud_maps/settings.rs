@@ -1,7 +1,7 @@
 //! Settings of the appearance from a reference photo.
 
-use crate::cloud_reference::{MapShape, ReferenceSettings, is_side};
-use crate::views::{SamplePlaces, first_of, not_negative, positive, unless};
+use crate::cloud_reference::{MapShape, ReferenceSettings};
+use crate::views::{SamplePlaces, first_of, not_negative, unless};
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 
@@ -29,28 +29,20 @@ pub(crate) struct MapSettings {
     pub(crate) encoder_lr: f64,
 }
 
-/// Maps deeper and networks wider than these are a mistake.
+/// Maps deeper than this are a mistake.
 const MOST_CHANNELS: usize = 64;
-const MOST_WIDTH: usize = 512;
 
 impl MapSettings {
     /// # Errors
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
-        let (side, channels, width) = (self.encoder_side, self.map_channels, self.tone_width);
-        // Its layers multiply each other: with more, maps have no bounds.
-        let is_rate = self.encoder_lr > 0.0 && self.encoder_lr <= 0.1;
-        let (maps, most) = (self.sampled_maps, SamplePlaces::MOST);
+        self.reference().check()?;
+        let (channels, maps, most) = (self.map_channels, self.sampled_maps, SamplePlaces::MOST);
         first_of([
-            unless(is_side(side), "encoder_side", side, "must be a multiple of 16, 16 to 512"),
             unless(maps <= most, "sampled_maps", maps, "must be 0 to 4"),
             unless((1..=MOST_CHANNELS).contains(&channels), "map_channels", channels, "must be 1 to 64"),
-            unless((1..=MOST_WIDTH).contains(&width), "tone_width", width, "must be 1 to 512"),
-            positive("tone_scale", self.tone_scale.into()),
             not_negative("sample_weight", self.sample_weight.into()),
             not_negative("place_code_lr", self.place_code_lr),
-            positive("tone_lr", self.tone_lr),
-            unless(is_rate, "encoder_lr", self.encoder_lr, "must be above 0, and at most 0.1"),
         ])
     }
 

@@ -6,11 +6,12 @@
 
 use super::cached::{Cached, CloudTones, fingerprint};
 use super::fusion::{OUTPUTS, OWN, Reader, ToneOf, toned};
+use super::map_network::{SIDE, is_side};
 use super::reading::PhotoCode;
 use super::reference::{CAMERA, Reference};
 use crate::cloud_appearance::rate_left;
 use crate::fields::{NetworkParameters, RowNetwork};
-use crate::views::{ColourAppearance, ColourBars, Learns, SeenPhoto, VisibleCloud};
+use crate::views::{ColourAppearance, ColourBars, Learns, SeenPhoto, VisibleCloud, first_of, positive, unless};
 use engine::memory::room_for;
 use engine::system::{Appearance, SystemError, Tensor, TensorMap, f32_tensor, take_numbers};
 use field_core::mlp::MlpConfig;
@@ -37,6 +38,26 @@ pub(crate) struct ReferenceSettings {
     pub(crate) tone_scale: f32,
     pub(crate) tone_lr: f64,
     pub(crate) encoder_lr: f64,
+}
+
+/// Networks wider than this are a mistake.
+const MOST_WIDTH: usize = 512;
+
+impl ReferenceSettings {
+    /// # Errors
+    /// [`SystemError::Config`] naming the first setting that cannot work.
+    pub(crate) fn check(&self) -> Result<(), SystemError> {
+        let Self { side, tone_width, tone_scale, tone_lr, encoder_lr } = *self;
+        // The encoder's layers multiply each other: with more, features have no bounds.
+        let is_rate = encoder_lr > 0.0 && encoder_lr <= 0.1;
+        first_of([
+            unless(is_side(side), "encoder_side", side, SIDE),
+            unless((1..=MOST_WIDTH).contains(&tone_width), "tone_width", tone_width, "must be 1 to 512"),
+            positive("tone_scale", tone_scale.into()),
+            positive("tone_lr", tone_lr),
+            unless(is_rate, "encoder_lr", encoder_lr, "must be above 0, and at most 0.1"),
+        ])
+    }
 }
 
 /// The networks, and the photos as they were last seen.
@@ -165,15 +186,20 @@ impl<C: PhotoCode> ReferenceAppearance<C> {
         self.cached = Mutex::default();
     }
 
+    /// The numbers of a photo as it was last seen, and of its camera; `None` before.
+    fn kept(&self, view: usize) -> Option<(&[f32], &[f32])> {
+        let kept = self.photos.chunks_exact(photo_len::<C>(self.settings.side)).nth(view)?;
+        let (photo, camera) = kept.split_at(kept.len() - CAMERA);
+        camera.iter().any(|x| *x != 0.0).then_some((photo, camera))
+    }
+
     /// A photo as it was last seen; `None` before.
     fn photo(&self, view: usize) -> Option<Reference> {
-        let kept = self.photos.chunks_exact(photo_len::<C>(self.settings.side)).nth(view)?;
-        let (rest, rows) = kept.split_at(kept.len() - CAMERA);
-        let (pixels, depth) = rest.split_at(3 * self.settings.side * self.settings.side);
+        let (photo, rows) = self.kept(view)?;
+        let (pixels, depth) = photo.split_at(3 * self.settings.side * self.settings.side);
         let mut camera = [0.0; CAMERA];
         camera.copy_from_slice(rows);
-        let is_seen = camera.iter().any(|x| *x != 0.0);
-        is_seen.then(|| Reference { pixels: pixels.to_vec(), depth: depth.to_vec(), camera })
+        Some(Reference { pixels: pixels.to_vec(), depth: depth.to_vec(), camera })
     }
 
     /// Keep a photo as it is seen now.
@@ -199,7 +225,7 @@ impl<C: PhotoCode> ReferenceAppearance<C> {
             return mean;
         }
         let photos = self.photos.len() / photo_len::<C>(self.settings.side);
-        let seen: Vec<usize> = (0..photos).filter(|i| self.photo(*i).is_some()).collect();
+        let seen: Vec<usize> = (0..photos).filter(|view| self.kept(*view).is_some()).collect();
         let encode = |memory: &mut C::Memory, view: &usize| {
             let photo = self.photo(*view)?;
             Some(self.encoded(&photo.without_place(), memory))

@@ -47,6 +47,9 @@ pub(crate) struct MapShape {
     pub(crate) tones: bool,
 }
 
+/// What [`is_side`] asks for.
+pub(crate) const SIDE: &str = "must be a multiple of 16, 16 to 512";
+
 /// Whether pictures can have this side.
 pub(crate) fn is_side(side: usize) -> bool {
     (1..=MOST_SIDE).contains(&side) && side.is_multiple_of(1 << HALVINGS)

@@ -25,7 +25,7 @@ mod sampling;
 pub(crate) mod test_scene;
 
 pub(crate) use appearance::{ReferenceAppearance, ReferenceSettings};
-pub(crate) use map_network::{MapMemory, MapNetwork, MapShape, TILTS, is_side};
+pub(crate) use map_network::{MapMemory, MapNetwork, MapShape, SIDE, TILTS, is_side};
 pub(crate) use reading::{Joined, PhotoCode, Places, Reading};
 #[cfg(test)]
 pub(crate) use reference::camera_rows;

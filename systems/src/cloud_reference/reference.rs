@@ -15,8 +15,8 @@ const SMALLEST_PART: f32 = 0.5;
 pub(crate) struct Reference {
     /// `[3][side][side]`, `2 srgb - 1`: the means of rectangles, of their pixels that count. Grey (0) where none does.
     pub(crate) pixels: Vec<f32>,
-    /// `[side][side]`, depths `z` of what the cloud shows at the pixels' centres, internal units; 0 where nothing is known. Empty where
-    /// nobody asked.
+    /// `[side][side]`, depths `z` of what the cloud shows at the pixels' centres, internal units; 0 where nothing is known. Empty for
+    /// an appearance that reads no depths.
     pub(crate) depth: Vec<f32>,
     /// The camera: see [`camera_rows`]. All 0 where it is not known.
     pub(crate) camera: [f32; CAMERA],

@@ -1,7 +1,7 @@
 //! Settings of the appearance from planes about a scene.
 
-use crate::cloud_reference::{MapShape, ReferenceSettings, is_side};
-use crate::views::{first_of, not_negative, positive, unless};
+use crate::cloud_reference::{MapShape, ReferenceSettings, SIDE, is_side};
+use crate::views::{first_of, not_negative, unless};
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 
@@ -33,10 +33,9 @@ pub(crate) struct TriplaneSettings {
     pub(crate) encoder_lr: f64,
 }
 
-/// Planes deeper, codes longer, and networks wider than these are a mistake.
+/// Planes deeper and codes longer than these are a mistake.
 const MOST_CHANNELS: usize = 64;
 const MOST_DIMS: usize = 256;
-const MOST_WIDTH: usize = 512;
 
 /// Planes: across the third, the first and the second axis.
 pub(super) const PLANES: usize = 3;
@@ -63,22 +62,15 @@ impl TriplaneSettings {
     /// # Errors
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
-        let side = "must be a multiple of 16, 16 to 512";
-        // Its layers multiply each other: with more, features have no bounds.
-        let is_rate = self.encoder_lr > 0.0 && self.encoder_lr <= 0.1;
-        let (channels, dims, width) = (self.plane_channels, self.photo_dims, self.tone_width);
+        self.reference().check()?;
+        let (channels, dims) = (self.plane_channels, self.photo_dims);
         first_of([
-            unless(is_side(self.encoder_side), "encoder_side", self.encoder_side, side),
-            unless(is_side(self.plane_side), "plane_side", self.plane_side, side),
+            unless(is_side(self.plane_side), "plane_side", self.plane_side, SIDE),
             unless((1..=MOST_CHANNELS).contains(&channels), "plane_channels", channels, "must be 1 to 64"),
             unless((0.0..=0.4).contains(&self.plane_crop), "plane_crop", self.plane_crop, "must be 0 to 0.4"),
             unless((0.0..=1.0).contains(&self.plane_from), "plane_from", self.plane_from, "must be a share, 0 to 1"),
             unless(dims <= MOST_DIMS, "photo_dims", dims, "must be 0 to 256"),
-            unless((1..=MOST_WIDTH).contains(&width), "tone_width", width, "must be 1 to 512"),
-            positive("tone_scale", self.tone_scale.into()),
             not_negative("place_code_lr", self.place_code_lr),
-            positive("tone_lr", self.tone_lr),
-            unless(is_rate, "encoder_lr", self.encoder_lr, "must be above 0, and at most 0.1"),
         ])
     }
 

@@ -2,21 +2,20 @@
 
 use super::planes::PlaneBox;
 use super::*;
-use crate::cloud_reference::test_scene::{N, cloud, colours, seen, view, visible, wide, worst};
+use crate::cloud_reference::test_scene::{
+    N, SCALE, Twin, WIDTH, bilinear, check_definition, cloud, colours, random_tones, seen, view, visible,
+};
 use crate::views::{ColourAppearance, ColourBars, PlaceCodes, SeenDepth, SeenPhoto};
 use engine::system::Appearance;
 use field_core::rng::Rng;
 use splat_core::Gaussians;
 use std::sync::Arc;
-use testkit::reference::network::{Bias, Network};
 
 pub(super) const PHOTOS: usize = 4;
 pub(super) const HORIZON: u64 = 200;
 const CHANNELS: usize = 2;
 const DIMS: usize = 3;
-const WIDTH: usize = 5;
 const PLANE: usize = 8;
-const SCALE: f32 = 0.7;
 const FEATURES: usize = 3 * CHANNELS * PLANE * PLANE;
 const FIRST_OF_PHOTO: usize = FEATURES + PlaneBox::NUMBERS;
 
@@ -45,8 +44,7 @@ fn numbers(stream: u64, n: usize) -> Vec<f32> {
 
 fn triplane(settings: TriplaneSettings) -> Triplane {
     let mut triplane = Triplane::new(settings, PHOTOS, HORIZON, 3).unwrap();
-    let params = numbers(1, triplane.tone_parameters().len());
-    triplane.set_tone_parameters(params.iter().map(|p| 1.4 * (p - 0.45)).collect());
+    random_tones(&mut triplane);
     // Features of planes begin as zeros.
     let params = triplane.encoder_parameters();
     let moved = params.iter().zip(numbers(5, params.len())).map(|(p, x)| p + 0.3 * (x - 0.5)).collect();
@@ -59,103 +57,33 @@ fn code() -> Vec<f32> {
     [numbers(2, FEATURES), BOX.numbers().to_vec(), numbers(3, DIMS)].concat()
 }
 
-/// Between cell centres, the border's value beyond them: plainly.
-fn bilinear(plane: &[f64], x: f64, y: f64) -> f64 {
-    let [x, y] = [x, y].map(|x| (x * PLANE as f64 - 0.5).clamp(0.0, PLANE as f64 - 1.0));
-    let weight = |i: usize, x: f64| (1.0 - (x - i as f64).abs()).max(0.0);
-    (0..PLANE * PLANE).map(|i| plane[i] * weight(i % PLANE, x) * weight(i / PLANE, y)).sum()
-}
-
-/// Everything that a toned colour depends on, in `f64`.
-#[derive(Clone)]
-struct Twin {
-    network: Vec<f64>,
-    code: Vec<f64>,
-    /// `[3][n]`, `[ROWS][n]`.
-    base: Vec<f64>,
-    extra: Vec<f64>,
-    rgb: Vec<f64>,
-}
-
-impl Twin {
-    /// The sum of what Gaussian `i` reads in the planes xy, yz and zx.
-    fn features(&self, i: usize) -> Vec<f64> {
-        let cloud = cloud();
-        let unit = |axis: usize| {
-            let [low, high] = [BOX.low[axis], BOX.high[axis]].map(f64::from);
-            (f64::from(cloud.mean[axis * N + i]) - low) / (high - low)
-        };
-        let plane = |k: usize, c: usize| &self.code[(k * CHANNELS + c) * PLANE * PLANE..][..PLANE * PLANE];
-        let axes = [[0, 1], [1, 2], [2, 0]];
-        let of = |c: usize| (0..3).map(|k| bilinear(plane(k, c), unit(axes[k][0]), unit(axes[k][1]))).sum();
-        (0..CHANNELS).map(of).collect()
-    }
-
-    fn toned(&self) -> Vec<f64> {
-        let inputs = 3 + PlaceCodes::ROWS + CHANNELS + DIMS;
-        let network = Network { widths: &[inputs, WIDTH, WIDTH, 6], skips: &[], bias: Bias::Each };
-        assert_eq!(self.network.len(), network.param_count());
-        let mut out = Vec::new();
-        for (k, gaussian) in visible().iter().enumerate() {
-            let i = gaussian.index as usize;
-            let mut x: Vec<f64> = (0..3).map(|c| self.base[c * N + i]).collect();
-            x.extend((0..PlaceCodes::ROWS).map(|row| self.extra[row * N + i]));
-            x.extend(self.features(i));
-            x.extend(&self.code[FIRST_OF_PHOTO..]);
-            let y = network.forward(&self.network, &x);
-            let scale = f64::from(SCALE);
-            out.extend((0..3).map(|c| (1.0 + scale * y[3 + c]) * self.rgb[3 * k + c] + scale * y[c]));
-        }
-        out
-    }
-
-    fn value(&self, weights: &[[f32; 3]]) -> f64 {
-        self.toned().iter().zip(weights.as_flattened()).map(|(x, w)| x * f64::from(*w)).sum()
-    }
+/// The sum of what Gaussian `i` reads in the planes xy, yz and zx, then the numbers of the photo.
+fn features(twin: &Twin, i: usize) -> Vec<f64> {
+    let cloud = cloud();
+    let cell = |axis: usize| {
+        let [low, high] = [BOX.low[axis], BOX.high[axis]].map(f64::from);
+        (f64::from(cloud.mean[axis * N + i]) - low) / (high - low) * PLANE as f64
+    };
+    let plane = |k: usize, c: usize| &twin.code[(k * CHANNELS + c) * PLANE * PLANE..][..PLANE * PLANE];
+    let axes = [[0, 1], [1, 2], [2, 0]];
+    let of = |c: usize| (0..3).map(|k| bilinear(plane(k, c), PLANE, axes[k].map(cell))).sum();
+    (0..CHANNELS).map(of).chain(twin.code[FIRST_OF_PHOTO..].iter().copied()).collect()
 }
 
 #[test]
 fn colours_and_their_gradients_are_those_of_the_definition() {
-    let (mut triplane, cloud, visible) = (triplane(SETTINGS), cloud(), visible());
+    let cloud = cloud();
     let (extra, code) = (PlaceCodes::of(&cloud).rows(&cloud), code());
-    let seen = seen(&cloud, &extra, &visible);
-    let appearance = Appearance::Code(Arc::from(&code[..]));
-    let (rgb, weights) = (colours(1), colours(2));
-    let twin = Twin {
-        network: wide(triplane.tone_parameters()),
-        code: wide(&code),
-        base: wide(&cloud.dc),
-        extra: wide(&extra),
-        rgb: wide(rgb.as_flattened()),
-    };
-    let mut toned = rgb.clone();
-    triplane.forward(&appearance, seen, &mut toned);
-    for (got, want) in toned.as_flattened().iter().zip(twin.toned()) {
-        assert!((f64::from(*got) - want).abs() < 1e-5, "{got} {want}");
-    }
-    let mut bar = weights.clone();
-    let (mut base, mut extra_bar) = (vec![[0.0; 3]; visible.len()], vec![0.0; extra.len()]);
-    let bars = ColourBars { rgb: &mut bar, base: &mut base, extra: &mut extra_bar };
-    triplane.backward(&appearance, seen, &rgb, bars);
-    let mut base_bar = vec![0.0; 3 * N];
-    for (gaussian, base) in visible.iter().zip(&base) {
-        (0..3).for_each(|c| base_bar[c * N + gaussian.index as usize] = base[c]);
-    }
-    let (network_bar, code_bar) = triplane.gradients();
-    let value = |twin: &Twin| twin.value(&weights);
+    let found = check_definition(&mut triplane(SETTINGS), &extra, &code, features);
     for (name, error) in [
-        ("colours", worst(&twin, value, bar.as_flattened(), |twin| &mut twin.rgb)),
-        ("base", worst(&twin, value, &base_bar, |twin| &mut twin.base)),
-        ("codes", worst(&twin, value, &extra_bar, |twin| &mut twin.extra)),
-        ("planes", worst(&twin, value, &code_bar[..FEATURES], |twin| &mut twin.code[..FEATURES])),
-        ("photo", worst(&twin, value, &code_bar[FIRST_OF_PHOTO..], |twin| &mut twin.code[FIRST_OF_PHOTO..])),
-        ("network", worst(&twin, value, &network_bar, |twin| &mut twin.network)),
+        ("codes", found.worst(&found.extra, |twin| &mut twin.extra)),
+        ("planes", found.worst(&found.code[..FEATURES], |twin| &mut twin.code[..FEATURES])),
+        ("photo", found.worst(&found.code[FIRST_OF_PHOTO..], |twin| &mut twin.code[FIRST_OF_PHOTO..])),
     ] {
         assert!(error < 1e-4, "{name}: {error}");
     }
     // The box is not learnt.
-    assert!(code_bar[FEATURES..FIRST_OF_PHOTO].iter().all(|x| *x == 0.0));
-    assert_eq!(triplane.code_bar(&code, seen, &rgb, &mut weights.clone()), code_bar);
+    assert!(found.code[FEATURES..FIRST_OF_PHOTO].iter().all(|x| *x == 0.0));
 }
 
 /// A photo of noise.

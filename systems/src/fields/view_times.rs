@@ -12,10 +12,15 @@ pub(crate) fn view_times(data: &Dataset) -> Arc<[f32]> {
     times.into()
 }
 
-/// Steps along the time where nothing else is asked for: half as many as there are times, at least two.
-pub(super) fn steps_of_time(times: &[f32]) -> u32 {
+/// How many different times there are.
+pub(crate) fn count_of_times(times: &[f32]) -> u32 {
     let mut times = times.to_vec();
     times.sort_unstable_by(f32::total_cmp);
     times.dedup();
-    (times.len() as u32).div_ceil(2).max(2)
+    times.len() as u32
+}
+
+/// Steps along the time where nothing else is asked for: half as many as there are times, at least two.
+pub(super) fn steps_of_time(times: &[f32]) -> u32 {
+    count_of_times(times).div_ceil(2).max(2)
 }

@@ -101,6 +101,33 @@ pub(crate) fn photo(train: &Dataset, view: usize) -> Vec<[f32; 3]> {
     pixels.collect()
 }
 
+fn is_left(i: usize) -> bool {
+    i % (SIDE as usize) < SIDE as usize / 2
+}
+
+/// The right half of a picture.
+fn right(rgb: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    (0..rgb.len()).filter(|i| !is_left(*i)).map(|i| rgb[i]).collect()
+}
+
+/// The appearance that is found from the left half of a picture by the camera of the first photo.
+fn fitted_on_the_left(system: &dyn System, train: &Dataset, rgb: &[[f32; 3]]) -> Appearance {
+    let view = train.view(0);
+    let rays: Vec<_> = view.rays(0..view.camera.height).map(Option::unwrap).collect();
+    let (rays, rgb): (Vec<_>, Vec<_>) = (0..rgb.len()).filter(|i| is_left(*i)).map(|i| (rays[i], rgb[i])).unzip();
+    let fit = Fit {
+        rays: &rays,
+        rgb: &rgb,
+        time: 0.0,
+        background: [1.0; 3],
+        steps: 200,
+        lr: 0.05,
+        seed: 1,
+        halt: &Halt::NEVER,
+    };
+    Appearance::Code(system.fit_appearance(&fit).unwrap().into())
+}
+
 #[test]
 fn an_appearance_changes_colours_alone_is_found_again_and_baked() {
     let scene = scene(8, PerturbationKind::Colour);
@@ -116,24 +143,7 @@ fn an_appearance_changes_colours_alone_is_found_again_and_baked() {
     assert_eq!(shown(Appearance::Code(code)).rgb, b.rgb);
 
     // From the left half of the picture in the appearance of photo 1.
-    let view = train.view(0);
-    let left = |i: &usize| i % (SIDE as usize) < SIDE as usize / 2;
-    let half: Vec<usize> = (0..b.rgb.len()).filter(left).collect();
-    let rays: Vec<_> = view.rays(0..camera.height).map(Option::unwrap).collect();
-    let (rays, rgb): (Vec<_>, Vec<_>) = half.iter().map(|&i| (rays[i], b.rgb[i])).unzip();
-    let fit = Fit {
-        rays: &rays,
-        rgb: &rgb,
-        time: 0.0,
-        background: [1.0; 3],
-        steps: 200,
-        lr: 0.05,
-        seed: 1,
-        halt: &Halt::NEVER,
-    };
-    let found = system.fit_appearance(&fit).unwrap();
-    let again = shown(Appearance::Code(Arc::from(found)));
-    let right = |rgb: &[[f32; 3]]| -> Vec<[f32; 3]> { (0..rgb.len()).filter(|i| !left(i)).map(|i| rgb[i]).collect() };
+    let again = shown(fitted_on_the_left(system.as_ref(), &train, &b.rgb));
     let (fitted, as_mean) = (off(&right(&again.rgb), &right(&b.rgb)), off(&right(&mean.rgb), &right(&b.rgb)));
     assert!(fitted < 0.3 * as_mean, "fitted: off by {fitted}; the mean appearance by {as_mean}");
 
@@ -162,25 +172,9 @@ pub(crate) fn check_read_off(name: &str) {
     assert_eq!(shown(Appearance::Code(code)).rgb, b.rgb);
 
     // From the left half of a photo, the right half; and from the whole of it, without its camera.
-    let view = train.view(0);
-    let left = |i: &usize| i % (SIDE as usize) < SIDE as usize / 2;
     let truth = photo(&train, 0);
-    let rays: Vec<_> = view.rays(0..camera.height).map(Option::unwrap).collect();
-    let half: Vec<usize> = (0..truth.len()).filter(left).collect();
-    let (rays, rgb): (Vec<_>, Vec<_>) = half.iter().map(|&i| (rays[i], truth[i])).unzip();
-    let fit = Fit {
-        rays: &rays,
-        rgb: &rgb,
-        time: 0.0,
-        background: [1.0; 3],
-        steps: 200,
-        lr: 0.05,
-        seed: 1,
-        halt: &Halt::NEVER,
-    };
-    let found = shown(Appearance::Code(system.fit_appearance(&fit).unwrap().into()));
+    let found = shown(fitted_on_the_left(system.as_ref(), &train, &truth));
     let encoded = shown(Appearance::Code(system.encode_appearance(&train.image(0).unwrap()).unwrap().into()));
-    let right = |rgb: &[[f32; 3]]| -> Vec<[f32; 3]> { (0..rgb.len()).filter(|i| !left(i)).map(|i| rgb[i]).collect() };
     let far = |rgb: &[[f32; 3]]| off(&right(rgb), &right(&truth));
     let (of_half, of_whole, of_mean) = (far(&found.rgb), far(&encoded.rgb), far(&mean.rgb));
     println!("off by {of_half} from the left half, {of_whole} without camera, {of_mean} in the mean appearance");
@@ -195,7 +189,7 @@ pub(crate) fn check_read_off(name: &str) {
     assert!(far < 0.06, "baked: off by {far}");
 }
 
-/// An appearance for each photo is worth so many decibels on 24 photos of different tints.
+/// With an appearance for each photo, renders of 24 photos of different tints are better by `decibels` at least.
 pub(crate) fn check_worth(name: &str, decibels: f32) {
     let scene = scene(24, PerturbationKind::Colour);
     let train = views(&scene, 1).0;

@@ -19,7 +19,7 @@ use super::splat;
 use super::start::StartKind;
 use crate::claims::Claim;
 use crate::cloud_motion::{MotionParts, MotionSettings};
-use crate::fields::{PlaneGridSettings, PlaneGridSource};
+use crate::fields::{PlaneGridSettings, PlaneGridSource, count_of_times};
 use crate::plan::{Ask, Built};
 use crate::views::{CloudConfig, L1DssimConfig, PhotoTimes};
 use std::sync::Arc;
@@ -68,7 +68,7 @@ fn planes(plane_times: u32) -> PlaneGridSettings {
     }
 }
 
-/// What moves a cloud with these settings, by the times of the photos, in planes with so many vertices of time (0: half of the times).
+/// The motion of a cloud. Its planes have `plane_times` vertices along time; 0: half as many as the photos have times.
 pub(super) fn moving(settings: MotionSettings, plane_times: u32, times: Arc<[f32]>) -> MotionParts {
     MotionParts { settings, features: PlaneGridSource::new(planes(plane_times), times) }
 }
@@ -76,10 +76,7 @@ pub(super) fn moving(settings: MotionSettings, plane_times: u32, times: Arc<[f32
 /// Vertices of time for things that move steadily: a sixth of the times, as of D-NeRF's scenes as released. In short films eight, or
 /// half of the times where these are fewer.
 pub(super) fn vertices_of_time(times: &[f32]) -> u32 {
-    let mut times = times.to_vec();
-    times.sort_unstable_by(f32::total_cmp);
-    times.dedup();
-    let count = times.len() as u32;
+    let count = count_of_times(times);
     count.div_ceil(6).max(count.div_ceil(2).min(8)).max(2)
 }
 

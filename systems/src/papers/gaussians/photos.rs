@@ -347,13 +347,16 @@ impl AskedPhotos {
                 maps.encoder_side / 2,
                 maps.sampled_maps
             ),
-            AskedAppearance::Triplane(triplane) => format!(
-                "appearance: from step {} of the cloud on each photo is projected back to three planes of {} cells a side; {} numbers for \
-                 it as a whole",
-                (triplane.plane_from * horizon as f64) as u64,
-                triplane.plane_side,
-                triplane.photo_dims
-            ),
+            AskedAppearance::Triplane(TriplaneSettings { plane_from, plane_side, photo_dims, .. }) => {
+                let planes = match *plane_from {
+                    share if share < 1.0 => format!(
+                        "from step {} of the cloud on it is projected back to three planes of {plane_side} cells a side",
+                        (share * horizon as f64) as u64
+                    ),
+                    _ => "it is not projected back".to_owned(),
+                };
+                format!("appearance: {photo_dims} numbers for each photo as a whole; {planes}")
+            }
         };
         let occluders = match &self.occluders {
             AskedOccluders::None => "occluders: none are left out".to_owned(),
