@@ -37,6 +37,8 @@ pub(crate) enum Name {
     WildReal,
     /// What a step of each system for the wild costs
     WildCost,
+    /// What a step of each cloud costs, part by part
+    CloudCost,
     /// A moving scene, path-traced: systems for moving scenes
     DynamicWorkbench,
     /// A moving scene, embedded: the same

@@ -6,11 +6,13 @@
 //! * [`ScaleShift`]: the target is known up to a factor and a shift, both by least squares.
 //! * [`median`]: both sides less their median and divided by their mean deviation from it.
 //! * [`pearson`]: both sides less their mean, and the cosine of the angle between them.
+//! * [`ranking`]: the order of pairs alone.
 //!
 //! Sums are `f64` in index order. A ray of weight 0 is skipped: holes may hold anything.
 
 pub mod median;
 pub mod pearson;
+pub mod ranking;
 mod scale_shift;
 
 pub use scale_shift::ScaleShift;

@@ -2,6 +2,8 @@
 
 mod budgets;
 mod ceilings;
+mod cloud_cost;
+mod cost;
 mod dynamic;
 mod growth;
 mod kernels;
@@ -45,6 +47,7 @@ fn section(name: Name, bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchE
         Name::WildPlaza => wild::plaza(bench, keep),
         Name::WildReal => wild::real(bench, keep),
         Name::WildCost => wild::cost(bench, keep),
+        Name::CloudCost => cloud_cost::run(bench, keep),
         Name::DynamicWorkbench => dynamic::workbench(bench, keep),
         Name::DynamicOrbit => dynamic::orbit(bench, keep),
         Name::DynamicMouth => dynamic::mouth(bench, keep),

@@ -3,6 +3,7 @@
 use losses::LossError;
 use losses::depth::median::{Alignment, aligned, aligned_backward};
 use losses::depth::pearson::{STEEPEST, pearson, pearson_backward};
+use losses::depth::ranking::{ranking, ranking_backward};
 use losses::depth::{ENDO_DELTA, ScaleShift, supervised, supervised_backward};
 use losses::kernel::Kernel;
 use proptest::prelude::*;
@@ -312,4 +313,56 @@ fn depths_without_shape_correlate_with_nothing_and_gradients_have_a_bound() {
     assert!(bar.iter().any(|g| *g != 0.0));
     let short = Err(LossError::Shape { what: "y", want: 64, got: 3 });
     assert_eq!(pearson(&ramp, &ramp[..3], 2), short);
+}
+
+/// The definition.
+fn ranking_twin(x: &[f64], y: &[f64], margin: f64) -> f64 {
+    let n = x.len() as f64;
+    let pairs = (0..x.len()).flat_map(|i| (0..x.len()).map(move |j| (i, j))).filter(|&(i, j)| y[i] < y[j]);
+    pairs.map(|(i, j)| (x[i] - x[j] + margin).max(0.0)).sum::<f64>() / (n * (n - 1.0) / 2.0)
+}
+
+proptest! {
+    #![proptest_config(testkit::property::cases(96))]
+
+    #[test]
+    fn the_order_of_pairs_costs_what_its_definition_says_and_so_does_its_gradient((p, t, _) in batches(2)) {
+        let (wide_p, wide_t) = (wide(&p), wide(&t));
+        // No pair at the kink: differences there see both sides.
+        let margin = 0.125_f32;
+        let kink = |i: usize, j: usize| (wide_p[i] - wide_p[j] + 0.125).abs() < 1e-4;
+        prop_assume!(!(0..p.len()).any(|i| (0..p.len()).any(|j| kink(i, j))));
+        let mut bar = vec![0.0; p.len()];
+        let loss = ranking_backward(&p, &t, margin, 0.7, &mut bar).unwrap();
+        prop_assert!((loss - ranking_twin(&wide_p, &wide_t, 0.125)).abs() < 1e-12);
+        let want = central_difference(&wide_p, |p| 0.7 * ranking_twin(p, &wide_t, 0.125));
+        for (got, want) in bar.iter().zip(want) {
+            prop_assert!((f64::from(*got) - want).abs() < 1e-5, "{got} {want}");
+        }
+        // Nothing pulls all of them one way, and only the order of the other side counts.
+        prop_assert!(bar.iter().sum::<f32>().abs() < 1e-5);
+        let bent: Vec<f32> = t.iter().map(|t| t.exp()).collect();
+        let same_order = (0..t.len()).all(|i| (0..t.len()).all(|j| (t[i] < t[j]) == (bent[i] < bent[j])));
+        prop_assume!(same_order);
+        prop_assert_eq!(ranking(&p, &bent, margin).unwrap(), loss);
+    }
+}
+
+#[test]
+fn pairs_without_order_cost_nothing_and_a_margin_is_a_number() {
+    let of = |x: &[f32], y: &[f32], margin: f32| {
+        let mut bar = vec![0.0; x.len()];
+        ranking_backward(x, y, margin, 1.0, &mut bar).map(|loss| (loss, bar))
+    };
+    assert_eq!(of(&[], &[], 0.1), Ok((0.0, Vec::new())));
+    assert_eq!(of(&[1.0], &[2.0], 0.1), Ok((0.0, vec![0.0])));
+    assert_eq!(of(&[5.0, 1.0], &[2.0, 2.0], 0.1), Ok((0.0, vec![0.0; 2])));
+    assert_eq!(of(&[5.0, 1.0], &[2.0, f32::NAN], 0.1), Ok((0.0, vec![0.0; 2])));
+    assert_eq!(of(&[f32::NAN, 1.0], &[2.0, 3.0], 0.1), Ok((0.0, vec![0.0; 2])));
+    assert_eq!(of(&[5.0, 1.0], &[2.0, 3.0], 0.0), Ok((4.0, vec![1.0, -1.0])));
+    assert_eq!(of(&[1.0, 5.0], &[2.0, 3.0], 0.0), Ok((0.0, vec![0.0; 2])));
+    for margin in [-0.1, f32::NAN, f32::INFINITY] {
+        assert!(matches!(of(&[1.0], &[2.0], margin), Err(LossError::Parameter { what: "margin", .. })), "{margin}");
+    }
+    assert_eq!(ranking(&[1.0], &[], 0.1), Err(LossError::Shape { what: "y", want: 1, got: 0 }));
 }

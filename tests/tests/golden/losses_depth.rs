@@ -1,8 +1,10 @@
 //! Depth losses against golden vectors: `tests/golden/losses_depth.json`.
 
-use losses::depth::ScaleShift;
+use losses::Kernel;
 use losses::depth::median::{Alignment, aligned, aligned_backward};
 use losses::depth::pearson::{pearson, pearson_backward};
+use losses::depth::ranking::{MARGIN, ranking, ranking_backward};
+use losses::depth::{ScaleShift, supervised, supervised_backward};
 use losses::edge_variation::{DepthAndPhoto, edge_variation, edge_variation_backward};
 use testkit::golden::{Golden, Kind, assert_close};
 
@@ -111,4 +113,38 @@ fn correlation_matches_golden() {
         assert_close(&format!("{} bar", record.label()), &wide(&bar), &record.grad("pred").data, 1e-5, 2e-7);
     }
     assert_eq!(seen, 10);
+}
+
+#[test]
+fn the_order_of_pairs_matches_golden() {
+    let mut seen = 0;
+    for record in golden().op("order_ranking") {
+        let (p, t) = (record.input("pred").f32(), record.input("gt").f32());
+        let mut bar = vec![0.0; p.len()];
+        let loss = ranking_backward(&p, &t, MARGIN, record.cotangent("loss").scalar(), &mut bar).unwrap();
+        assert_eq!(loss, ranking(&p, &t, MARGIN).unwrap());
+        assert_close(&record.label(), &[loss], &record.output("loss").data, 1e-7, 1e-11);
+        assert_close(&format!("{} bar", record.label()), &wide(&bar), &record.grad("pred").data, 1e-6, 0.0);
+        seen += 1;
+    }
+    assert_eq!(seen, 2);
+}
+
+/// DynamicNeRF's loss of depth order: the moving part's depth is the still part's where nothing moves, which is held.
+#[test]
+fn the_moving_parts_depth_where_nothing_moves_matches_golden() {
+    let mut seen = 0;
+    for record in golden().op("order_dynerf") {
+        let [moving, still, rests] = ["depth_d", "depth_s", "static_mask"].map(|name| record.input(name).f32());
+        let rays: f64 = rests.iter().map(|w| f64::from(*w)).sum();
+        let squared = Kernel::Squared;
+        let loss = supervised(squared, &moving, &still, &rests).unwrap() / rays;
+        assert_close(&record.label(), &[loss], &record.output("loss").data, 1e-12, 0.0);
+        let mut bar = vec![0.0; moving.len()];
+        let loss_bar = record.cotangent("loss").scalar() / rays;
+        supervised_backward(squared, &moving, &still, &rests, loss_bar, &mut bar).unwrap();
+        assert_close(&format!("{} bar", record.label()), &wide(&bar), &record.grad("depth_d").data, 1e-6, 0.0);
+        seen += 1;
+    }
+    assert_eq!(seen, 1);
 }

@@ -32,7 +32,7 @@ pub(super) enum PriorsFrom {
 }
 
 /// The stage in quick runs.
-pub(super) fn small_orbit() -> OrbitOptions {
+pub(in crate::sections) fn small_orbit() -> OrbitOptions {
     OrbitOptions { width: 32, height: 32, train: 12, test: 2, rays: 1, ..OrbitOptions::default() }
 }
 

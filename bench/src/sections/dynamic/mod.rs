@@ -22,6 +22,7 @@ use entry::Entry;
 use measured::{EVAL_AT, Measured, measure, request, weights};
 use protocols::{Group, MOUTH, NR, ORBIT, ORBIT_EXACT, ORBIT_MADE, TISSUE, WALK_EXACT, WALK_MADE, WORKBENCH};
 
+pub(super) use film::small_orbit;
 pub(super) use protocols::names;
 
 /// Steps of everything in a quick run.

@@ -8,7 +8,7 @@ use crate::error::BenchError;
 use crate::measure::median;
 use crate::page::Item;
 use crate::plot::{Plot, Series};
-use crate::sections::scene::{Subject, Trained, embedded, train_seconds};
+use crate::sections::scene::{Subject, Trained, embedded, forget_peak, train_seconds};
 use crate::sections::training::{EVAL_AT, Protocol, SECONDS, plot, protocol_goals, reached, target};
 use crate::table::Table;
 use engine::memory::resident_bytes;
@@ -265,9 +265,4 @@ fn files(splats: &Splats) -> Result<[f64; 2], BenchError> {
         Ok(bytes.len() as f64 * 1e-6)
     };
     Ok([size("cloud.ply")?, size("cloud.spz")?])
-}
-
-/// Let the peak of the process's memory begin anew; whether the system does that (Linux).
-fn forget_peak() -> bool {
-    std::fs::write("/proc/self/clear_refs", "5").is_ok()
 }
