@@ -109,6 +109,8 @@ fn list_at(list: &str, test: &str, name: &str) -> bool {
     let child = Command::new(std::env::current_exe().expect("the path of this test"))
         .args(["--exact", test, "--nocapture"])
         .env(LEVEL, name)
+        // The levels share the cores: threads of one that wait for each other would take them from the others.
+        .env("RAYON_NUM_THREADS", "1")
         .stdout(Stdio::piped())
         .spawn()
         .expect("this test as a process of its own");
