@@ -41,7 +41,8 @@ pub(super) struct Transient {
 impl Head {
     /// For a trunk of `width` features and codes of `dims`; its parameters begin at `at`.
     pub(super) fn new(width: usize, dims: usize, at: usize, mixture: Mixture) -> Result<Self, SystemError> {
-        let mlp = Mlp::new(&MlpConfig::new(width + dims, vec![width / 2; LAYERS], OUTPUTS)).map_err(refuse)?;
+        let mlp = Mlp::new(&MlpConfig::new(width + dims, vec![width / 2; LAYERS], OUTPUTS))
+            .map_err(|e| refuse("width", width, e))?;
         Ok(Self { at, packed: [Packed::default()], mlp, mixture })
     }
 

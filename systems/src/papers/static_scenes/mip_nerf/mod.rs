@@ -50,7 +50,8 @@ impl Recipe for MipNerfConfig {
     fn network(&self) -> Result<NetworkShape<Integrated>, SystemError> {
         let network = self.levels.network;
         Ok(NetworkShape {
-            position: Integrated::new(3, network.position_octaves).map_err(refuse)?,
+            position: Integrated::new(3, network.position_octaves)
+                .map_err(|e| refuse("position_octaves", network.position_octaves, e))?,
             direction_octaves: network.direction_octaves,
             width: network.width,
             depth: network.depth,

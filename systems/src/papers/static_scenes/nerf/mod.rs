@@ -48,7 +48,8 @@ impl Recipe for NerfConfig {
     fn network(&self) -> Result<NetworkShape<Frequency>, SystemError> {
         let network = self.levels.network;
         Ok(NetworkShape {
-            position: Frequency::new(3, network.position_octaves, Base::One, Identity::Include).map_err(refuse)?,
+            position: Frequency::new(3, network.position_octaves, Base::One, Identity::Include)
+                .map_err(|e| refuse("position_octaves", network.position_octaves, e))?,
             direction_octaves: network.direction_octaves,
             width: network.width,
             depth: network.depth,
