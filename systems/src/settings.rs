@@ -150,7 +150,8 @@ pub(crate) fn words_of<W: DeserializeOwned>() -> Vec<String> {
 
 /// The words that serde says there are, where it was given another one: each between two backticks.
 fn words_in(message: &str) -> Vec<String> {
-    let (_, words) = message.split_once("unknown variant").and_then(|_| message.rsplit_once("expected ")).unwrap_or_default();
+    let (_, words) =
+        message.split_once("unknown variant").and_then(|_| message.rsplit_once("expected ")).unwrap_or_default();
     words.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
@@ -158,7 +159,8 @@ fn words_in(message: &str) -> Vec<String> {
 /// them, and `config` holds them among others.
 pub(crate) fn together<C: Serialize>(fields: &'static str, config: &C, problem: impl ToString) -> SystemError {
     let table = table(config);
-    let values = fields.split(", ").map(|name| table.get(name).map_or_else(|| "not set".into(), toml::Value::to_string));
+    let values =
+        fields.split(", ").map(|name| table.get(name).map_or_else(|| "not set".into(), toml::Value::to_string));
     SystemError::Config { field: fields, value: values.collect::<Vec<_>>().join(", "), problem: problem.to_string() }
 }
 

@@ -20,7 +20,7 @@ pub(crate) fn default_system(family: Family) -> &'static str {
 }
 
 /// The words of `--set` that force a part of a system for photos of many people on or off, for `--help`.
-pub(crate) fn part_words() -> String {
+pub(super) fn part_words() -> String {
     let [fields, clouds] = [PartWords::of_fields(), PartWords::of_clouds()].map(|words| {
         format!("`appearance={}` and `occluders={}`", words.appearance.join("|"), words.occluders.join("|"))
     });

@@ -6,7 +6,7 @@ mod results;
 mod training;
 mod words;
 
-pub(crate) use families::{default_system, part_words};
+pub(crate) use families::default_system;
 pub(crate) use results::{Eval, Export, Masks, Render, View};
 pub(crate) use training::{Check, Data, Demo, Prepare, Priors, Train};
 pub(crate) use words::{BackgroundWord, Layer, MeshMethod, ProgressKind, VideoWord};
@@ -78,10 +78,12 @@ impl Cli {
         for word in ["demo", "train"] {
             command = command.mut_subcommand(word, |sub| sub.mut_arg("system", |arg| arg.long_help(systems_of(app))));
         }
-        command = command.mut_subcommand("train", |train| train.mut_arg("set", |arg| {
-            let what = arg.get_help().map(ToString::to_string).unwrap_or_default();
-            arg.long_help(format!("{what}\n\n{}", families::part_words()))
-        }));
+        command = command.mut_subcommand("train", |train| {
+            train.mut_arg("set", |arg| {
+                let what = arg.get_help().map(ToString::to_string).unwrap_or_default();
+                arg.long_help(format!("{what}\n\n{}", families::part_words()))
+            })
+        });
         for (word, argument) in families::words_of_others(app.family) {
             command = command.mut_subcommand(word, |sub| match argument {
                 Some(argument) => sub.mut_arg(argument, |a| a.hide(true)),

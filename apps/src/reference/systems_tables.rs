@@ -6,12 +6,7 @@ use systems::registry::{Entry, Family, Needs, entries};
 
 /// Each family, its heading, its app, and what else is said of it.
 const FAMILIES: [(Family, &str, &str, &str); 3] = [
-    (
-        Family::Static,
-        "For scenes that stand still",
-        "nerf-static",
-        "",
-    ),
+    (Family::Static, "For scenes that stand still", "nerf-static", ""),
     (
         Family::Wild,
         "For photos of many people",

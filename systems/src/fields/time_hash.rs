@@ -40,7 +40,8 @@ pub(crate) struct TimeHashSettings {
 }
 
 /// Settings of the size of a grid.
-const SIZES: &str = "moving_levels, moving_features, moving_log2_table, moving_n_min, moving_n_max, moving_times, moving_times_max";
+const SIZES: &str =
+    "moving_levels, moving_features, moving_log2_table, moving_n_min, moving_n_max, moving_times, moving_times_max";
 
 impl TimeHashSettings {
     fn grid(&self, times: &[f32]) -> Result<TimeHash, SystemError> {

@@ -101,7 +101,9 @@ impl Displacement {
         let before = MlpConfig::new(point.out_rows() + time.out_rows(), vec![width; first - 1], width)
             .with_output_activation(Activation::Relu);
         let after = MlpConfig::new(seen, vec![width; depth.saturating_sub(BEFORE)], 3);
-        let [before, after] = [before, after].map(|config| Mlp::new(&config).map_err(|e| refuse("warp_width, warp_depth", format!("{width}, {depth}"), e)));
+        let [before, after] = [before, after].map(|config| {
+            Mlp::new(&config).map_err(|e| refuse("warp_width, warp_depth", format!("{width}, {depth}"), e))
+        });
         Ok(Self { origin, point, time, before: before?, after: after? })
     }
 

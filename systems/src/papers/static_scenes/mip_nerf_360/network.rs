@@ -46,7 +46,8 @@ const SIZES: &str = "width, depth, proposal_width, proposal_depth, bottleneck, v
 impl Shapes {
     pub(super) fn new(config: &NetworksConfig) -> Result<Self, SystemError> {
         let basis = icosahedron(TESSELLATION);
-        let position = Integrated::new(basis.len(), config.octaves).map_err(|e| refuse("octaves", config.octaves, e))?;
+        let position =
+            Integrated::new(basis.len(), config.octaves).map_err(|e| refuse("octaves", config.octaves, e))?;
         let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include)
             .map_err(|e| refuse("direction_octaves", config.direction_octaves, e))?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, output_activation, skips| {
