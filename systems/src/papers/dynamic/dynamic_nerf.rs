@@ -30,10 +30,10 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Gao et al., 2021",
     what: "A still part from what masks leave, then held; before it one that moves, with scene flow, at the depths of the still one",
     take: "as `nsff`, with masks of what moves",
-    differs: "Two hash grids, the moving one with planes of time, instead of 8 x 256 networks: it is there only where something moves, \
-              after a seventh of the run. Densities are mixed, and features of one colour network, which learns on while the rest \
-              of the still part is held; the gate has another entropy; weighted errors are means over all rays; scene flow is at most a \
-              tenth of the cube. Flow, disparities and masks are optional.",
+    differs: "Two hash grids, the moving one with planes of time, instead of 8 x 256 networks: there only where something \
+              moves, after a seventh of the run. Densities are mixed, and features of one colour network, which learns on \
+              while the rest of the still part is held; the gate has another entropy; weighted errors are means over all rays; \
+              scene flow is at most a tenth of the cube. Flow, disparities and masks are optional.",
     mark: "hash grids, a moving part where something moves",
 };
 

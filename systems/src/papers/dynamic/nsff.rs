@@ -30,10 +30,10 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Li et al., 2021",
     what: "A still part, and a moving one that says where its points are a frame on and a frame back; held to optical flow and disparities, if any",
     take: "a film by one camera that moves; one photo a time",
-    differs: "Two hash grids, the moving one with planes of time, instead of 8 x 256 networks: it is there only where something moves, \
-              after a seventh of the run. Densities are mixed, and features of one colour network; the gate knows the time and \
-              has another entropy; weighted errors are means over all rays; scene flow is at most a tenth of the cube; hard rays are \
-              those of large errors. Flow and disparities are optional.",
+    differs: "Two hash grids, the moving one with planes of time, not 8 x 256 networks: there only where something moves, \
+              after a seventh of the run; elsewhere it shows the still part. Densities and features of one colour network are \
+              mixed; the gate knows the time and has another entropy; weighted errors are means over all rays; scene flow ends \
+              at a tenth of the cube; hard rays have large errors. Flow and disparities are optional.",
     mark: "hash grids, a moving part where something moves",
 };
 
