@@ -9,9 +9,9 @@
 //!
 //! At `t = 0` nothing is evaluated for either origin: points keep their bits, and the network has no gradient.
 
-use super::network::refuse;
 use super::parts::{self, Part};
 use super::when::When;
+use crate::limits::refusal;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
@@ -93,7 +93,7 @@ impl Displacement {
     pub(super) fn new(shape: DisplacementShape) -> Result<Self, SystemError> {
         let DisplacementShape { origin, octaves, time_octaves, width, depth } = shape;
         let gamma = |field, dims, octaves| {
-            Frequency::new(dims, octaves, Base::One, Identity::Include).map_err(|e| refuse(field, octaves, e))
+            Frequency::new(dims, octaves, Base::One, Identity::Include).map_err(|e| refusal(field, octaves, e))
         };
         let (point, time) = (gamma("warp_octaves", 3, octaves)?, gamma("time_octaves", 1, time_octaves)?);
         let first = depth.clamp(1, BEFORE);
@@ -102,7 +102,7 @@ impl Displacement {
             .with_output_activation(Activation::Relu);
         let after = MlpConfig::new(seen, vec![width; depth.saturating_sub(BEFORE)], 3);
         let [before, after] = [before, after].map(|config| {
-            Mlp::new(&config).map_err(|e| refuse("warp_width, warp_depth", format!("{width}, {depth}"), e))
+            Mlp::new(&config).map_err(|e| refusal("warp_width, warp_depth", format!("{width}, {depth}"), e))
         });
         Ok(Self { origin, point, time, before: before?, after: after? })
     }

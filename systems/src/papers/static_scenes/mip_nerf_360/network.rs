@@ -1,8 +1,8 @@
 //! Two networks: a small one that proposes where density may be, asked in every proposal round, and the final one.
 
 use super::config::NetworksConfig;
+use crate::limits::refusal;
 use crate::networks::parts::{self, Part};
-use crate::networks::refuse;
 use crate::settings::together;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
@@ -47,9 +47,9 @@ impl Shapes {
     pub(super) fn new(config: &NetworksConfig) -> Result<Self, SystemError> {
         let basis = icosahedron(TESSELLATION);
         let position =
-            Integrated::new(basis.len(), config.octaves).map_err(|e| refuse("octaves", config.octaves, e))?;
+            Integrated::new(basis.len(), config.octaves).map_err(|e| refusal("octaves", config.octaves, e))?;
         let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include)
-            .map_err(|e| refuse("direction_octaves", config.direction_octaves, e))?;
+            .map_err(|e| refusal("direction_octaves", config.direction_octaves, e))?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, output_activation, skips| {
             Mlp::new(
                 &MlpConfig::new(inputs, hidden, outputs).with_output_activation(output_activation).with_skips(skips),
