@@ -41,6 +41,12 @@ pub enum SystemError {
         /// Why that cannot work, and what would.
         problem: String,
     },
+    /// A picture of a cloud cannot be drawn, compared or learnt from.
+    #[error("no picture can be made of the Gaussians: {problem}")]
+    Picture {
+        /// Why, and what to look at.
+        problem: String,
+    },
     /// Reading an image failed.
     #[error(transparent)]
     Scene(#[from] scene_io::SceneError),

@@ -9,7 +9,7 @@
 //!
 //! Sums are `f64` in index order; the caller divides by the points it drew. Values are not scanned: NaN in gives NaN out.
 //!
-//! Source: Park et al., "Nerfies: deformable neural radiance fields", 2021, sec. 3.5 and the released code.
+//! Source: Park et al., "Nerfies: deformable neural radiance fields", 2021, sec. 3.4 and the released code.
 
 use crate::{LossError, error::same};
 use float_core::m64;

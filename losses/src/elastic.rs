@@ -21,7 +21,7 @@
 //! finite in a Jacobian gives a sample that is not finite, unless its weight is 0.
 //!
 //! # Source
-//! Park et al., "Nerfies: deformable neural radiance fields", 2021, sec. 3.3 and eq. 7-8. Singular values by rotations of
+//! Park et al., "Nerfies: deformable neural radiance fields", 2021, sec. 3.3. Singular values by rotations of
 //! columns: Hestenes, "Inversion of matrices by biorthogonalization", 1958.
 
 use crate::{LossError, error::same};

@@ -4,6 +4,11 @@ use engine::system::SystemError;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
+/// What a part says of a value of a setting that nothing can be made of.
+pub(crate) fn refusal(field: &'static str, value: impl Display, problem: impl Display) -> SystemError {
+    SystemError::Config { field, value: value.to_string(), problem: problem.to_string() }
+}
+
 /// Refuse the value of a setting.
 pub(crate) fn refuse<T>(
     field: &'static str,

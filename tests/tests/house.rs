@@ -2,6 +2,7 @@
 //! a reader can hold, parameters whose parts have names. What is known to break a rule is in a list that may only shrink.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use tests::sources::{Crate, circles, crates, sources, tokens, without_tests};
 
 /// Circles of more than two files that are still there: crate and files.
@@ -64,6 +65,38 @@ fn no_circle_of_more_than_two_files_and_none_of_rooms() {
     assert!(arrows > 2000, "{arrows} imports found: the search is wrong");
     compare(files, &FILE_CIRCLES, "files");
     compare(rooms, &ROOM_CIRCLES, "rooms");
+}
+
+/// A document of the repository, from its root.
+fn document(path: &str) -> String {
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)).unwrap()
+}
+
+#[test]
+fn every_room_of_the_systems_stands_in_the_document_of_the_house() {
+    let text = document("docs/ARCHITECTURE.md");
+    let (_, rooms) = text.split_once("\n## Inside `systems`\n").unwrap();
+    let cells = rooms.lines().filter_map(|line| line.strip_prefix("| ")?.split(" | ").next()).collect::<String>();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../systems/src");
+    let folders = std::fs::read_dir(root).unwrap().map(Result::unwrap).filter(|entry| entry.path().is_dir());
+    let names: BTreeSet<String> = folders.map(|entry| entry.file_name().into_string().unwrap()).collect();
+    assert!(names.len() > 20, "{names:?}");
+    let missing: Vec<&String> = names.iter().filter(|name| !cells.contains(&format!("`{name}`"))).collect();
+    assert!(missing.is_empty(), "docs/ARCHITECTURE.md, Inside `systems`: no line for {missing:?}");
+}
+
+#[test]
+fn code_that_the_documents_quote_of_k_planes_stands_there() {
+    let lines = |text: &str| text.lines().map(|line| line.trim().to_owned()).collect::<BTreeSet<_>>();
+    let code = lines(&document("systems/src/papers/dynamic/k_planes.rs"));
+    let text = document("docs/ADDING_A_SYSTEM.md");
+    let (_, quote) = text.split_once("```rust\npub(crate) fn build(").unwrap();
+    let (quote, _) = quote.split_once("\n```").unwrap();
+    let quoted: Vec<&str> = quote.lines().skip(1).map(str::trim).filter(|line| !line.starts_with("//")).collect();
+    assert!(quoted.len() > 8, "{quoted:?}");
+    for line in quoted {
+        assert!(code.contains(line), "docs/ADDING_A_SYSTEM.md quotes a line that k_planes.rs has not: {line}");
+    }
 }
 
 #[test]

@@ -5,7 +5,30 @@ use crate::app::App;
 use clap::ArgMatches;
 use clap::parser::ValueSource;
 use std::path::PathBuf;
-use systems::registry::{Family, find};
+use systems::registry::{Family, PartWords, find};
+
+/// Which system an app takes where none is named.
+pub(crate) fn default_system(family: Family) -> &'static str {
+    match family {
+        Family::Static => "`ngp` or `splat`, whichever suits the scene",
+        Family::Wild => "`wild-gaussians`, or `auto` for few photos, little time, geometry and settings of a field",
+        Family::Moving => {
+            "`4dgs` for things that are cut out, or `d-nerf` for little time (fewer than 300 steps of a cloud), geometry, a backdrop of \
+             one colour without alpha and settings that a cloud has not; `two-parts` for places"
+        }
+    }
+}
+
+/// The words of `--set` that force a part of a system for photos of many people on or off, for `--help`.
+pub(super) fn part_words() -> String {
+    let [fields, clouds] = [PartWords::of_fields(), PartWords::of_clouds()].map(|words| {
+        format!("`appearance={}` and `occluders={}`", words.appearance.join("|"), words.occluders.join("|"))
+    });
+    format!(
+        "On photos of many people these force any part on or off. Fields: {fields}; clouds: {clouds}. Of `nerfies` and `hypernerf` \
+         `appearance=none|codes` does"
+    )
+}
 
 /// A subcommand, and one of its arguments; without one the subcommand itself.
 type Word = (&'static str, Option<&'static str>);

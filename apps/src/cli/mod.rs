@@ -6,17 +6,18 @@ mod results;
 mod training;
 mod words;
 
+pub(crate) use families::default_system;
 pub(crate) use results::{Eval, Export, Masks, Render, View};
 pub(crate) use training::{Check, Data, Demo, Prepare, Priors, Train};
 pub(crate) use words::{BackgroundWord, Layer, MeshMethod, ProgressKind, VideoWord};
 
 use crate::app::App;
 use clap::error::ErrorKind;
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use engine::run::DefaultSystem;
+use std::any::TypeId;
 use std::ffi::OsString;
 use std::path::PathBuf;
-use systems::registry::Family;
 
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
@@ -77,13 +78,19 @@ impl Cli {
         for word in ["demo", "train"] {
             command = command.mut_subcommand(word, |sub| sub.mut_arg("system", |arg| arg.long_help(systems_of(app))));
         }
+        command = command.mut_subcommand("train", |train| {
+            train.mut_arg("set", |arg| {
+                let what = arg.get_help().map(ToString::to_string).unwrap_or_default();
+                arg.long_help(format!("{what}\n\n{}", families::part_words()))
+            })
+        });
         for (word, argument) in families::words_of_others(app.family) {
             command = command.mut_subcommand(word, |sub| match argument {
                 Some(argument) => sub.mut_arg(argument, |a| a.hide(true)),
                 None => sub.hide(true),
             });
         }
-        command
+        with_negative_numbers(command)
     }
 
     /// Read the words of a command line, the program's name first.
@@ -100,17 +107,28 @@ impl Cli {
     }
 }
 
+/// Options that are numbers take `-3` for one, which would be taken for an option: so the line is said that names the numbers there may be.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let numbers = [
+        TypeId::of::<f64>(),
+        TypeId::of::<f32>(),
+        TypeId::of::<usize>(),
+        TypeId::of::<u64>(),
+        TypeId::of::<u32>(),
+        TypeId::of::<u16>(),
+    ];
+    let of_number = |arg: Arg| {
+        let of = arg.get_value_parser().type_id();
+        let is_number = numbers.iter().any(|number| of == *number);
+        if is_number { arg.allow_negative_numbers(true) } else { arg }
+    };
+    command.mut_args(of_number).mut_subcommands(with_negative_numbers)
+}
+
 /// The systems of an app, for `--help`: no name of a paper without what is done otherwise here.
 fn systems_of(app: &App) -> String {
     let default = match app.default_system {
-        DefaultSystem::Chosen(_) if app.family == Family::Moving => {
-            "without it `4dgs` for things that are cut out, `two-parts` for places".into()
-        }
-        DefaultSystem::Chosen(_) if app.family == Family::Wild => {
-            "without it `wild-gaussians`, or `auto` for few photos, little time, geometry and settings of a field"
-                .into()
-        }
-        DefaultSystem::Chosen(_) => "without it `ngp` or `splat`, whichever suits the scene".into(),
+        DefaultSystem::Chosen(_) => format!("without it {}", families::default_system(app.family)),
         DefaultSystem::Named(name) => format!("without it `{name}`"),
     };
     let own = systems::registry::family(app.family).flat_map(|entry| entry.claims());

@@ -147,6 +147,50 @@ fn help_says_what_systems_do_otherwise_than_their_papers() {
 }
 
 #[test]
+fn help_says_which_words_of_appearance_and_occluders_fields_and_clouds_have() {
+    let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    for app in [&STATIC, &WILD_APP, &DYNAMIC_APP] {
+        let help = words(&read(app, "train --help").unwrap_err().to_string());
+        for said in [
+            "several times On photos of many people",
+            "Fields: `appearance=none|codes|encoder` and `occluders=none|robust|transient|visibility|filter|masks`;",
+            "clouds: `appearance=none|codes|maps|triplane` and `occluders=none|photos|residual|errors|features|auto|visibility`.",
+        ] {
+            assert!(help.contains(said), "{}: {said}\n{help}", app.name);
+        }
+        let default = families::default_system(app.family);
+        assert!(help.contains(&format!("Method (without it {default}).")), "{}: {default}\n{help}", app.name);
+    }
+}
+
+#[test]
+fn numbers_below_0_are_refused_by_what_they_may_be() {
+    for (line, said) in [
+        ("train s --out d --seconds -3", "write a number above 0"),
+        ("train s --out d --error-budget -1", "write a number from 0 to 1"),
+        ("train s --out d --steps -5", "invalid"),
+        ("train s --out d --threads -2", "-2 is not in 1.."),
+        ("export d --mesh m.ply --level -1", "above 0"),
+        ("render d --out e --frames -1", "write a whole number"),
+    ] {
+        let error = read(&DYNAMIC_APP, line).unwrap_err().to_string();
+        assert!(error.contains(said) && !error.contains("unexpected argument"), "{line}: {error}");
+    }
+    // No number is taken for an option, in any command.
+    let mut seen = 0;
+    for command in Cli::of(&DYNAMIC_APP).get_subcommands() {
+        for arg in command.get_arguments().filter(|arg| arg.is_allow_negative_numbers_set()) {
+            let Some(long) = arg.get_long() else { continue };
+            let error = read(&DYNAMIC_APP, &format!("{} --{long} -7", command.get_name()));
+            let error = error.map_or_else(|e| e.to_string(), |_| String::new());
+            assert!(!error.contains("unexpected argument"), "{} --{long}: {error}", command.get_name());
+            seen += 1;
+        }
+    }
+    assert!(seen > 20, "{seen} numbers found: the search is broken");
+}
+
+#[test]
 fn validation_is_a_word_wherever_datasets_are_read() {
     for app in [&STATIC, &WILD_APP, &DYNAMIC_APP] {
         for line in ["check s --validation every:8", "train s --out d --holdout every:8 --validation every:8+4"] {

@@ -151,9 +151,6 @@ pub(crate) struct Train {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) max_splats: Option<u32>,
     /// Any setting of the parts that the system has; `config.toml` of a run lists them all. May be given several times
-    ///
-    /// On photos of many people `appearance=none|codes|encoder` and `occluders=none|robust|transient|visibility|filter|masks` force
-    /// any part on or off; of `nerfies` and `hypernerf` `appearance=none|codes` does.
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = engine::options::parse_set)]
     pub(crate) set: Vec<(String, toml::Value)>,
     /// Continue the run in `--out` at its newest checkpoint, with the run's own configuration, to its own stop

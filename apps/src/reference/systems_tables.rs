@@ -1,32 +1,35 @@
 //! The tables of systems in `README.md`.
 
 use super::table::Table;
+use crate::cli::default_system;
 use systems::registry::{Entry, Family, Needs, entries};
 
-/// Each family, its heading and what is said of it.
-const FAMILIES: [(Family, &str, &str); 3] = [
-    (
-        Family::Static,
-        "For scenes that stand still",
-        "`nerf-static`; without `--system`, `ngp` or `splat`, whichever suits the scene.",
-    ),
+/// Each family, its heading, its app, and what else is said of it.
+const FAMILIES: [(Family, &str, &str, &str); 3] = [
+    (Family::Static, "For scenes that stand still", "nerf-static", ""),
     (
         Family::Wild,
         "For photos of many people",
-        "`nerf-wild`; without `--system`, `wild-gaussians`, or `auto` where a field suits the photos better. They work on the field of `ngp`, but for `wild-gaussians`, `gs-w`, `wild-gs`, `spotless` and `degauss`, which are clouds, and the column *not as published* is about that; `--field \
-         mlp` is nearer to the papers and takes hours.",
+        "nerf-wild",
+        " They work on the field of `ngp`, but for `wild-gaussians`, `gs-w`, `wild-gs`, `spotless` and `degauss`, which are clouds, and the \
+         column *not as published* is about that; `--field mlp` is nearer to the papers and takes hours.",
     ),
     (
         Family::Moving,
         "For scenes that move",
-        "`nerf-dynamic`; without `--system`, `4dgs` for things that are cut out and `two-parts` for places. They work on the field of `ngp`, but for `tineuvox` and `k-planes`, which have their own, and `4dgs` and `degauss`, clouds.",
+        "nerf-dynamic",
+        " They work on the field of `ngp`, but for `tineuvox` and `k-planes`, which have their own, and `4dgs` and `degauss`, clouds.",
     ),
 ];
 
 /// A table for each family. A system stands where its first family is; the others name it.
 pub(super) fn page() -> String {
     FAMILIES
-        .map(|(family, heading, about)| format!("### {heading}\n\n{about}\n\n{}{}", table(family), above(family)))
+        .map(|(family, heading, app, about)| {
+            let default = default_system(family);
+            let (table, above) = (table(family), above(family));
+            format!("### {heading}\n\n`{app}`; without `--system`, {default}.{about}\n\n{table}{above}")
+        })
         .join("\n")
 }
 

@@ -2,8 +2,9 @@
 
 use super::{MARKS, RENEW, between_marks, pages};
 use crate::app::{DYNAMIC, STATIC, WILD};
-use crate::cli::Cli;
+use crate::cli::{Cli, default_system};
 use std::path::Path;
+use systems::registry::{Family, PartWords};
 
 #[test]
 fn documents_are_as_the_programs_would_write_them() {
@@ -38,6 +39,26 @@ fn the_page_of_the_command_line_has_every_word_and_every_system() {
         assert!(page.contains(&format!("* `{}`", entry.claim.name)), "{}", entry.claim.name);
     }
     assert!(!page.contains("--patience"), "a hidden option");
+}
+
+#[test]
+fn pages_written_by_hand_say_what_help_says() {
+    let page = |name: &str| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs").join(name);
+        std::fs::read_to_string(path).unwrap().split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let (moving, default) = (page("moving.md"), default_system(Family::Moving));
+    assert!(moving.contains(&format!("Without `--system` it is {default};")), "docs/moving.md: {default}");
+    let wild = page("wild.md");
+    let command = Cli::of(&WILD);
+    let mut options = command.find_subcommand("train").into_iter().flat_map(|train| train.get_arguments());
+    let help = options.find(|option| option.get_id() == "set").unwrap().get_long_help().unwrap().to_string();
+    for words in [PartWords::of_fields(), PartWords::of_clouds()] {
+        let listed =
+            format!("`appearance={}` and `occluders={}`", words.appearance.join("|"), words.occluders.join("|"));
+        assert!(wild.contains(&listed), "docs/wild.md: {listed}");
+        assert!(help.contains(&listed), "{listed}: {help}");
+    }
 }
 
 #[test]

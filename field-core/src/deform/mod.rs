@@ -6,7 +6,7 @@
 //! tangents).
 //!
 //! # Source
-//! Pumarola et al., "D-NeRF", 2021, eq. 2 (translation); Park et al., "Nerfies", 2021, sec. 3.2 and eq. 4-6 (rigid
+//! Pumarola et al., "D-NeRF", 2021, eq. 2 (translation); Park et al., "Nerfies", 2021, sec. 3.2 (rigid
 //! motions). Nerfies divides `omega` and `v` by the angle, which is 0/0 at rest; here the same motion is written with
 //! coefficients that are smooth functions of the squared angle.
 

@@ -7,7 +7,7 @@ use float_core::m64;
 
 /// `w_k = (1 - cos(pi clamp(alpha - k, 0, 1))) / 2`: octave `k` opens while `alpha` goes from `k` to `k + 1`.
 ///
-/// Source: Park et al., "Nerfies", 2021, eq. 8.
+/// Source: Park et al., "Nerfies", 2021, sec. 3.5, eq. 8.
 pub fn nerfies(alpha: f64, w: &mut [f32]) {
     for (k, w) in w.iter_mut().enumerate() {
         *w = ease(alpha - k as f64);

@@ -19,6 +19,7 @@ use crate::{Dialect, Problem, Scene, Split, time};
 use compare::{Neighbour, neighbours};
 use render_core::bounds::percentile;
 use render_core::camera::Camera;
+use std::path::Path;
 
 /// Fewer training photos than this leave holes.
 const FEW_PHOTOS: usize = 12;
@@ -120,8 +121,11 @@ fn photos<'a>(scene: &'a Scene, thumbs: &'a [Option<Thumb>]) -> Vec<Photo<'a>> {
         .collect()
 }
 
+/// A finding about a scene: of its folder, or by its name where it has none, as drawn scenes.
 fn warning(scene: &Scene, what: String, remedy: &str) -> Problem {
-    Problem::new(&scene.root, what, remedy).warning()
+    let root = scene.root.as_path();
+    let place = if root.as_os_str().is_empty() { Path::new(&scene.name) } else { root };
+    Problem::new(place, what, remedy).warning()
 }
 
 /// Photos from nearly one pose that show different things.
@@ -202,7 +206,7 @@ fn exposures(scene: &Scene, near: &[Neighbour]) -> Option<Problem> {
         warning(
             scene,
             what,
-            "use `nerf-wild`, which learns the appearance of each photo: other systems explain the differences by fog",
+            "take a system that learns the appearance of each photo: others explain the differences by fog",
         )
     })
 }

@@ -74,10 +74,18 @@ fn exposure_jumps_and_blur_are_noticed() {
         image
     };
     let dark = thumbs(&scene, darker);
-    let found = lines(&find_problems(&scene, &dark));
+    let problems = find_problems(&scene, &dark);
+    let found = lines(&problems);
     let photos: Vec<Photo<'_>> = photos(&scene, &dark);
     let pairs: Vec<_> = neighbours(&photos).iter().map(|n| (n.photos, n.agreement)).collect();
     assert!(found.iter().any(|line| line.starts_with("exposure jumps")), "{found:?} of {pairs:?}");
+    // As a person reads it: of a drawn scene, which has no folder, by its name; and no program is named.
+    let line = problems.iter().map(Problem::to_string).find(|line| line.contains("exposure jumps")).unwrap();
+    assert!(
+        scene.root.as_os_str().is_empty() && line.starts_with(&format!("{}: exposure jumps", scene.name)),
+        "{line}"
+    );
+    assert!(line.contains("a system that learns the appearance of each photo") && !line.contains("nerf-"), "{line}");
     let soft = |i: usize, image: Image| {
         let image = before_black(&image);
         if i == 7 { blurred(&image) } else { image }

@@ -62,6 +62,11 @@ impl Decoder {
         degree: usize,
         rng: Rng,
     ) -> Result<Self, SystemError> {
+        let refused = |e: &dyn std::fmt::Display| SystemError::Config {
+            field: "motion_width, motion_layers",
+            value: format!("{width}, {layers}"),
+            problem: e.to_string(),
+        };
         let mut params = Vec::new();
         let trunk = MlpConfig::new(features, vec![width; layers], width).with_output_activation(Activation::Relu);
         let trunk = RowNetwork::new(&trunk, rng.substream(0), &mut params).map_err(|e| refused(&e))?;
@@ -196,8 +201,4 @@ impl Decoder {
             network.pack(&self.params.values);
         }
     }
-}
-
-fn refused(e: &impl std::fmt::Display) -> SystemError {
-    SystemError::Config { field: "motion_width", value: String::new(), problem: e.to_string() }
 }

@@ -26,13 +26,13 @@ pub(crate) struct MotionSettings {
     pub(crate) motion_opacity: bool,
     /// Colours change, too.
     pub(crate) motion_colour: bool,
-    /// Learning rate of the networks where motion begins,
+    /// Learning rate of the networks where motion begins.
     pub(crate) motion_lr: f64,
-    /// and at the end of the schedule.
+    /// Learning rate of the networks at the end of the schedule.
     pub(crate) motion_lr_end: f64,
-    /// Learning rate of the features where motion begins,
+    /// Learning rate of the features where motion begins.
     pub(crate) motion_feature_lr: f64,
-    /// and at the end of the schedule.
+    /// Learning rate of the features at the end of the schedule.
     pub(crate) motion_feature_lr_end: f64,
     /// Factor of what neighbours move otherwise; 0: nothing.
     pub(crate) motion_coherence: f32,

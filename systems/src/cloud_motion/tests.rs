@@ -200,14 +200,21 @@ fn a_moved_cloud_and_its_gradient_are_those_of_the_definition() {
 #[test]
 fn coherence_pulls_on_neighbours_and_only_where_it_is_asked_for() {
     let cloud = cloud();
-    let networks = |motion_coherence: f32| {
+    // With respect to the networks, where the picture's gradient is so many times the cloud's numbers.
+    let networks = |motion_coherence: f32, times: f32| {
         let mut field = busy(MotionSettings { motion_coherence, ..SETTINGS });
         let mut bar = cloud.clone();
+        for (_, values) in bar.gaussians.fields_mut() {
+            values.iter_mut().for_each(|x| *x *= times);
+        }
         field.pull_back(TIME, 0, &cloud, &mut bar);
         field.gradients().1
     };
-    assert_eq!(networks(0.0), networks(0.0));
-    assert_ne!(networks(0.0), networks(1.0));
+    let twice = |gradient: Vec<f32>| gradient.iter().map(|x| 2.0 * x).collect::<Vec<_>>();
+    // What the picture alone says is twice as much where that is; a term of its own stays as it is.
+    assert_eq!(networks(0.0, 2.0), twice(networks(0.0, 1.0)));
+    assert_ne!(networks(1.0, 2.0), twice(networks(1.0, 1.0)));
+    assert_ne!(networks(0.0, 1.0), networks(1.0, 1.0));
 }
 
 #[test]

@@ -11,7 +11,7 @@
 
 use super::basis::{ColourBasis, Columns};
 use super::networks::{NetworkConfig, NetworkPrecision};
-use crate::settings::Settings;
+use crate::settings::{Settings, together};
 use engine::system::{MOST_LAYERS, MOST_UNITS, SystemError, at_most};
 use field_core::mlp::{Bias, Mlp, MlpConfig, Packed};
 use float_core::Simd;
@@ -131,11 +131,7 @@ impl Decoder<'_> {
                 Ok((DensityDecoder::Network(density), ColourDecoder::Network(colour)))
             }
             Self::Explicit(config) => {
-                let refuse = |e: field_core::mlp::MlpError| SystemError::Config {
-                    field: "basis_width, basis_layers",
-                    value: String::new(),
-                    problem: e.to_string(),
-                };
+                let refuse = |e: field_core::mlp::MlpError| together("basis_width, basis_layers", config, e);
                 let linear = MlpConfig::new(features, vec![], 1).with_bias(Bias::None);
                 let density = config.precision.of(Mlp::new(&linear).map_err(refuse)?);
                 let hidden = vec![config.basis_width; config.basis_layers];

@@ -3,7 +3,7 @@
 use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::shapes_hold;
 use crate::schedule::Done;
-use crate::settings::Settings;
+use crate::settings::{Settings, together};
 use engine::memory::room_for;
 use engine::system::{
     MOST_LAYERS, SystemError, Tensor, TensorMap, at_most, f32_tensor, push_adam, take_adam, take_numbers,
@@ -73,7 +73,7 @@ impl HashGridSettings {
                 .with_rule(Rule::Ngp)
                 .with_interpolation(Interpolation::Linear),
         )
-        .map_err(|e| bad("levels, features, log2_table, n_min, n_max", String::new(), e.to_string()))
+        .map_err(|e| together("levels, features, log2_table, n_min, n_max", self, e))
     }
 
     /// Levels of `all` that lead a warp once a share of the schedule is done.
@@ -87,7 +87,7 @@ impl HashGridSettings {
         first + (come * (all - first) as f64) as usize
     }
 
-    /// Weight of each level after `steps` steps of the schedule: 0 for levels that are not open yet (Nerfies, equation 8).
+    /// Weight of each level after `steps` steps of the schedule: 0 for levels that are not open yet (Nerfies, section 3.5).
     fn level_weights(&self, steps: u64, out: &mut [f32]) {
         let done = if self.levels_anneal == 0 { 1.0 } else { (steps as f64 / self.levels_anneal as f64).min(1.0) };
         let first = self.levels_first.min(out.len());

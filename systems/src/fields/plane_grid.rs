@@ -13,7 +13,7 @@ use super::view_times::steps_of_time;
 use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::{shapes_hold, sized};
 use crate::schedule::Done;
-use crate::settings::Settings;
+use crate::settings::{Settings, together};
 use engine::memory::room_for;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::encoding::EncodingBars;
@@ -111,11 +111,7 @@ impl PlaneGridSource {
         } else {
             KPlanes::moving(space, self.time_steps(), plane_scales, *plane_features)
         };
-        planes.map_err(|e| SystemError::Config {
-            field: "plane_vertices, plane_scales, plane_features",
-            value: String::new(),
-            problem: e.to_string(),
-        })
+        planes.map_err(|e| together("plane_vertices, plane_scales, plane_features, plane_times", &self.settings, e))
     }
 }
 

@@ -5,7 +5,7 @@ use super::view_times::steps_of_time;
 use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::{shapes_hold, sized};
 use crate::schedule::Done;
-use crate::settings::Settings;
+use crate::settings::{Settings, together};
 use engine::memory::room_for;
 use engine::system::{
     MOST_LAYERS, SystemError, Tensor, TensorMap, at_most, f32_tensor, push_adam, take_adam, take_numbers,
@@ -39,9 +39,12 @@ pub(crate) struct TimeHashSettings {
     pub(crate) moving_times_max: u32,
 }
 
+/// Settings of the size of a grid.
+const SIZES: &str =
+    "moving_levels, moving_features, moving_log2_table, moving_n_min, moving_n_max, moving_times, moving_times_max";
+
 impl TimeHashSettings {
     fn grid(&self, times: &[f32]) -> Result<TimeHash, SystemError> {
-        let bad = |field, value, problem: String| SystemError::Config { field, value, problem };
         at_most(&[("moving_levels", self.moving_levels, MOST_LAYERS)])?;
         let along = match self.moving_times_max {
             0 => steps_of_time(times),
@@ -56,13 +59,7 @@ impl TimeHashSettings {
             space: [self.moving_n_min, self.moving_n_max],
             time: [first, along],
         })
-        .map_err(|e| {
-            bad(
-                "moving_levels, moving_features, moving_log2_table, moving_n_min, moving_n_max, moving_times",
-                String::new(),
-                e.to_string(),
-            )
-        })
+        .map_err(|e| together(SIZES, self, e))
     }
 }
 

@@ -134,3 +134,9 @@ fn sizes_that_cannot_be_are_refused() {
         assert!(matches!(source.features(Rng::new(1, 1)), Err(SystemError::Config { .. })), "{settings:?}");
     }
 }
+
+#[test]
+fn sizes_that_make_no_grid_are_said_with_their_values() {
+    let error = TimeHashSettings { moving_features: 3, ..SETTINGS }.grid(&[-1.0, 0.0, 1.0]).unwrap_err().to_string();
+    assert!(error.starts_with(&format!("`{SIZES}` = 3, 3, 9, 4, 16, 2, 0: ")), "{error}");
+}

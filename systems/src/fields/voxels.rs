@@ -4,7 +4,7 @@ use super::voxel_variation::vary;
 use super::{Detail, FeatureSource, Features, Names, Part, Places};
 use crate::buffers::{shapes_hold, sized};
 use crate::schedule::Done;
-use crate::settings::Settings;
+use crate::settings::{Settings, together};
 use engine::memory::room_for;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, push_adam, take_adam, take_numbers};
 use field_core::encoding::frequency::{Base, Frequency, Identity};
@@ -64,7 +64,8 @@ impl VoxelSettings {
         if !(0.0..=100.0).contains(&self.voxel_variation) {
             return refused("voxel_variation", self.voxel_variation.to_string(), "must be in 0..=100");
         }
-        MultiDistance::new([self.after(share) as u32; 3], self.features).map_err(refuse)
+        MultiDistance::new([self.after(share) as u32; 3], self.features)
+            .map_err(|e| together("voxels, features", self, e))
     }
 
     /// The largest grid.
@@ -85,10 +86,6 @@ impl FeatureSource for VoxelSettings {
     fn features(&self, _: Rng) -> Result<Box<dyn Features>, SystemError> {
         Ok(Box::new(VoxelFeatures::new(*self)?))
     }
-}
-
-fn refuse(e: impl ToString) -> SystemError {
-    SystemError::Config { field: "voxels, features", value: String::new(), problem: e.to_string() }
 }
 
 /// One grid, and the octaves of what it holds.
@@ -128,7 +125,8 @@ impl VoxelFeatures {
         Ok(Self {
             settings,
             simd: Simd::best(),
-            octaves: Frequency::new(grid.out_rows(), OCTAVES, Base::One, Identity::Include).map_err(refuse)?,
+            octaves: Frequency::new(grid.out_rows(), OCTAVES, Base::One, Identity::Include)
+                .map_err(|e| together("voxels, features", &settings, e))?,
             adam,
             distances: std::array::from_fn(|_| distance()),
             grid,

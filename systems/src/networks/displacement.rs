@@ -11,6 +11,7 @@
 
 use super::parts::{self, Part};
 use super::when::When;
+use crate::limits::refusal;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
@@ -86,25 +87,23 @@ pub(super) struct Displaced {
     pub(super) x: Node,
 }
 
-/// Settings that no displacement can be made of.
-fn refuse(e: impl ToString) -> SystemError {
-    let field = "warp_octaves, time_octaves, warp_width, warp_depth";
-    SystemError::Config { field, value: String::new(), problem: e.to_string() }
-}
-
 impl Displacement {
     /// # Errors
     /// [`SystemError::Config`] for encodings and layers that cannot be.
     pub(super) fn new(shape: DisplacementShape) -> Result<Self, SystemError> {
         let DisplacementShape { origin, octaves, time_octaves, width, depth } = shape;
-        let gamma = |dims, octaves| Frequency::new(dims, octaves, Base::One, Identity::Include).map_err(refuse);
-        let (point, time) = (gamma(3, octaves)?, gamma(1, time_octaves)?);
+        let gamma = |field, dims, octaves| {
+            Frequency::new(dims, octaves, Base::One, Identity::Include).map_err(|e| refusal(field, octaves, e))
+        };
+        let (point, time) = (gamma("warp_octaves", 3, octaves)?, gamma("time_octaves", 1, time_octaves)?);
         let first = depth.clamp(1, BEFORE);
         let seen = if depth > BEFORE { point.out_rows() + width } else { width };
         let before = MlpConfig::new(point.out_rows() + time.out_rows(), vec![width; first - 1], width)
             .with_output_activation(Activation::Relu);
         let after = MlpConfig::new(seen, vec![width; depth.saturating_sub(BEFORE)], 3);
-        let [before, after] = [before, after].map(|config| Mlp::new(&config).map_err(refuse));
+        let [before, after] = [before, after].map(|config| {
+            Mlp::new(&config).map_err(|e| refusal("warp_width, warp_depth", format!("{width}, {depth}"), e))
+        });
         Ok(Self { origin, point, time, before: before?, after: after? })
     }
 

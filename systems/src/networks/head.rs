@@ -1,8 +1,8 @@
 //! The transient head of the fine network: what one photo alone shows. It sees the trunk's features and the code of the
 //! photo, and says how dense, of which colour and how uncertain what stood there was (NeRF in the Wild, section 4.2).
 
-use super::network::refuse;
 use super::parts::{self, Part};
+use crate::limits::refusal;
 use engine::system::SystemError;
 use field_core::init::Init;
 use field_core::mlp::{Mlp, MlpConfig, Packed};
@@ -41,7 +41,8 @@ pub(super) struct Transient {
 impl Head {
     /// For a trunk of `width` features and codes of `dims`; its parameters begin at `at`.
     pub(super) fn new(width: usize, dims: usize, at: usize, mixture: Mixture) -> Result<Self, SystemError> {
-        let mlp = Mlp::new(&MlpConfig::new(width + dims, vec![width / 2; LAYERS], OUTPUTS)).map_err(refuse)?;
+        let mlp = Mlp::new(&MlpConfig::new(width + dims, vec![width / 2; LAYERS], OUTPUTS))
+            .map_err(|e| refusal("width", width, e))?;
         Ok(Self { at, packed: [Packed::default()], mlp, mixture })
     }
 

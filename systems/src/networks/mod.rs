@@ -48,7 +48,6 @@ pub use cones::Footprint;
 pub use displacement::{DisplacementShape, Origin};
 pub(crate) use gaussian_bar::GaussianBar;
 pub use network::NetworkShape;
-pub(crate) use network::refuse;
 pub use recipe::Recipe;
 pub(crate) use samples::ray_random;
 pub use samples::{Level, Tile};

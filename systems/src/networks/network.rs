@@ -4,6 +4,7 @@
 use super::displacement::{Displaced, Displacement, DisplacementOps, DisplacementShape, PackedDisplacement};
 use super::parts::{self, Part};
 use super::when::When;
+use crate::limits::refusal;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::init::Init;
@@ -55,22 +56,20 @@ pub(super) struct Ops<'a, P> {
     displacement: Option<DisplacementOps<'a>>,
 }
 
-/// Settings that no network can be made of.
-pub(crate) fn refuse(e: impl ToString) -> SystemError {
-    SystemError::Config { field: "octaves, width, depth", value: String::new(), problem: e.to_string() }
-}
-
 impl<P: Encoder + Copy> Shapes<P> {
     /// `appearance` is the length of a photo's code, 0 without.
     pub(super) fn new(config: &NetworkShape<P>, appearance: usize) -> Result<Self, SystemError> {
         let position = config.position;
         if config.displacement.is_some() && position.in_rows() != 3 {
-            return Err(refuse("points can be displaced, and these networks see more than points"));
+            let problem = "points can be displaced, and these networks see more than points";
+            return Err(refusal("position", format!("{} rows", position.in_rows()), problem));
         }
-        let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include).map_err(refuse)?;
+        let octaves = config.direction_octaves;
+        let direction = Frequency::new(3, octaves, Base::One, Identity::Include)
+            .map_err(|e| refusal("direction_octaves", octaves, e))?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, out, skips| {
             Mlp::new(&MlpConfig::new(inputs, hidden, outputs).with_output_activation(out).with_skips(skips))
-                .map_err(refuse)
+                .map_err(|e| refusal("width, depth", format!("{}, {}", config.width, config.depth), e))
         };
         let (w, d) = (config.width, config.depth.max(1));
         // The paper's skip goes into the sixth of eight layers.

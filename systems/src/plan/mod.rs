@@ -28,7 +28,7 @@ pub(crate) use field_settings::field_settings;
 pub(crate) use ground::{Ground, MovingParts, has_alpha, percent, space};
 #[cfg(test)]
 pub(crate) use moving::NewFlow;
-pub(crate) use moving::{COHERENCE, DepthUse, Moving, check_still_camera, moving_field};
+pub(crate) use moving::{DepthUse, Moving, check_still_camera, moving_field};
 #[cfg(test)]
 pub(crate) use ngp_settings::HASH_GRID;
 pub(crate) use ngp_settings::{Shown, chosen_sampler, names as field_names};

@@ -73,10 +73,6 @@ impl Moving {
     }
 }
 
-/// Factor of the coherence loss of deformations whose papers have no loss like it: off, as no gain was seen
-/// (`--set coherence=0.01` tries it; docs/RESULTS.md). Where it is above 0, the claims of the systems that read it say so.
-pub(crate) const COHERENCE: f32 = 0.0;
-
 /// Weight of a ray that its faintest samples may have together to be left out in training: half a step of 8 bits.
 const FAINT: f32 = 0.002;
 

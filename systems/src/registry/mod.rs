@@ -6,12 +6,14 @@ mod choice;
 mod claim_tests;
 mod known;
 mod moving_choice;
+mod part_words;
 #[cfg(test)]
 mod tests;
 mod wild_choice;
 
 pub use choice::choose;
 pub use moving_choice::choose_moving;
+pub use part_words::PartWords;
 pub use wild_choice::choose_wild;
 
 use crate::claims::Claim;

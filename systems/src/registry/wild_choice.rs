@@ -18,7 +18,7 @@ const FIELD: &str = "auto";
 const CLOUD: &str = "wild-gaussians";
 
 /// Settings that both have, and words of them that one of them alone knows.
-const WORDS: [(&str, &str, &str); 12] = [
+const WORDS: [(&str, &str, &str); 13] = [
     ("appearance", "encoder", FIELD),
     ("occluders", "robust", FIELD),
     ("occluders", "transient", FIELD),
@@ -31,6 +31,7 @@ const WORDS: [(&str, &str, &str); 12] = [
     ("occluders", "features", CLOUD),
     ("occluders", "auto", CLOUD),
     ("appearance", "maps", CLOUD),
+    ("appearance", "triplane", CLOUD),
 ];
 
 /// The system for photos of many people, where none is named. A setting that one of them alone has decides first; then what it is for,
@@ -104,6 +105,7 @@ fn with_needs(choice: Choice, scene: &Scene, data: &Dataset, run: &RunOptions) -
 mod tests {
     use super::*;
     use crate::plan::made::{Points, capture, frames, scene};
+    use crate::registry::PartWords;
     use engine::options::{Stop, parse_set};
 
     fn asked(data: &Dataset, place: &Scene, set: &[&str], stop: Option<Stop>, purpose: Purpose) -> Choice {
@@ -148,6 +150,23 @@ mod tests {
         assert_eq!(of(&[known[0], known[1], "max_splats=900"]), CLOUD);
         for set in ["occluders=masks", "appearance=encoder", "field=mlp", "n_max=64", "no_such=1"] {
             assert_eq!(of(&[set]), FIELD, "{set}");
+        }
+    }
+
+    #[test]
+    fn every_word_that_one_of_them_alone_has_implies_it() {
+        let [fields, clouds] = [PartWords::of_fields(), PartWords::of_clouds()];
+        let parts = [
+            ("appearance", &fields.appearance, &clouds.appearance),
+            ("occluders", &fields.occluders, &clouds.occluders),
+        ];
+        for (name, of_fields, of_clouds) in parts {
+            for (words, others, system) in [(of_fields, of_clouds, FIELD), (of_clouds, of_fields, CLOUD)] {
+                for word in words.iter().filter(|word| !others.contains(word)) {
+                    let set = toml::Table::from_iter([(name.to_owned(), word.as_str().into())]);
+                    assert_eq!(implied(&set).map(|choice| choice.system), Some(system), "{name}={word}");
+                }
+            }
         }
     }
 

@@ -197,7 +197,8 @@ impl ProposalField {
     fn new(source: &dyn FeatureSource, network: ProposalNetwork, rng: Rng) -> Result<Self, SystemError> {
         let features = source.features(rng.substream(0))?;
         let mlp = Mlp::new(&MlpConfig::new(features.rows(), vec![WIDTH], 1).with_bias(Bias::None)).map_err(|e| {
-            SystemError::Config { field: "proposal_samples", value: String::new(), problem: e.to_string() }
+            // Nothing that is set: how many features there are is the source's.
+            SystemError::Config { field: "features", value: features.rows().to_string(), problem: e.to_string() }
         })?;
         let mlp_params = xavier(&mlp, rng.substream(1));
         let networks = AdamConfig::NGP.with_decay(Decay::L2(network.weight_decay));

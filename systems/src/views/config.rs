@@ -6,9 +6,13 @@ use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 use splat_core::density::SizeLimit;
 use splat_core::{Gaussians, MAX_DEGREE, RasterSettings, Widening};
+use std::ops::RangeInclusive;
 
 /// More Gaussians than this have no memory anywhere near a CPU.
 pub(crate) const MOST: usize = 50_000_000;
+
+/// Lengths in world units, and how far a scene may be from the origin: powers of them stay numbers in `f32`.
+const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
 
 /// A setting that cannot work: its name, its value, what it must be.
 pub(crate) struct Problem {
@@ -77,12 +81,12 @@ impl CloudConfig {
     pub(crate) fn check(&self) -> Result<(), SystemError> {
         let centre = self.centre;
         first_of([
-            positive("radius", self.radius),
+            unless(LENGTHS.contains(&self.radius), "radius", self.radius, "must be 1e-9 to 1e9"),
             unless(
-                centre.iter().all(|x| x.is_finite()),
+                centre.iter().all(|x| x.abs() <= *LENGTHS.end()),
                 "centre",
                 format!("{centre:?}"),
-                "must be three finite numbers",
+                "must be three numbers of at most 1e9",
             ),
             not_negative("near_size", self.near_size.into()),
             unless(self.sh_degree <= MAX_DEGREE, "sh_degree", self.sh_degree, "must be 0 to 3"),
@@ -97,13 +101,13 @@ impl CloudConfig {
 pub(crate) struct CloudRates {
     /// Steps that the schedule is for: in them the learning rate of the centres falls to its end.
     pub(crate) horizon: u64,
-    /// From this share of them on, all learning rates fall
+    /// Share of them from which on all learning rates fall to `fade_to` of what they were.
     pub(crate) fade_from: f64,
-    /// to this factor of what they were.
+    /// Factor that is left of all learning rates in the end.
     pub(crate) fade_to: f64,
-    /// Learning rate of centres at the start,
+    /// Learning rate of centres at the start.
     pub(crate) lr_mean: f64,
-    /// and at the end.
+    /// Learning rate of centres at the end of the schedule.
     pub(crate) lr_mean_end: f64,
     /// Learning rate of colours at degree 0; those above: a twentieth of it.
     pub(crate) lr_dc: f64,
@@ -228,9 +232,9 @@ pub(crate) struct PictureConfig {
     /// Variance of the 3D filter, squared pixels of the photos (Mip-Splatting: 0.2): no Gaussian is drawn smaller than about its root, so
     /// that pictures from nearer by than all photos show no needles; 0: there is none.
     pub(crate) smoothing: f32,
-    /// Pictures begin at `2^-coarse` of their size, and double
+    /// Pictures begin at `2^-coarse` of their size.
     pub(crate) coarse: u32,
-    /// after this many steps each.
+    /// Steps after which pictures double, until they have their size.
     pub(crate) coarse_steps: u64,
 }
 
@@ -258,5 +262,29 @@ impl PictureConfig {
             not_negative("smoothing", self.smoothing.into()),
             unless(self.coarse <= 6, "coarse", self.coarse, "must be at most 6"),
         ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cloud_is_where_its_numbers_work() {
+        let cloud =
+            CloudConfig { centre: [0.0; 3], radius: 1.0, max_splats: 9, near_size: 0.0, sh_degree: 1, sh_every: 3 };
+        let said = |cloud: CloudConfig| cloud.check().map_err(|e| e.to_string());
+        for radius in [1e-9, 1.0, 1e9] {
+            assert_eq!(said(CloudConfig { radius, centre: [-1e9, 0.0, 1e9], ..cloud }), Ok(()));
+        }
+        for radius in [1e-300, 0.0, -1.0, 1e10, f64::INFINITY, f64::NAN] {
+            let line = format!("`radius` = {radius}: must be 1e-9 to 1e9");
+            assert_eq!(said(CloudConfig { radius, ..cloud }), Err(line));
+        }
+        for x in [1e10, f64::NAN, f64::NEG_INFINITY] {
+            let centre = [0.0, x, 0.0];
+            let line = format!("`centre` = {centre:?}: must be three numbers of at most 1e9");
+            assert_eq!(said(CloudConfig { centre, ..cloud }), Err(line));
+        }
     }
 }

@@ -14,6 +14,7 @@ use super::pass::{LossParts, Outcome, PARTS, PicturePass, StepCamera, StepJudge,
 use super::photo::{PhotoSet, StepTarget, view};
 use super::photo_depth::PhotoDepth;
 use super::planes::PlaneLayout;
+use super::refusal::refused;
 use super::render::{CloudRenderer, RenderBuffers};
 use super::skipped::Skipped;
 use super::smoothing::Smoothing;
@@ -471,9 +472,4 @@ fn clouds_at(parts: &ViewParts, time: f64) -> Clouds<'_> {
 /// Clouds that move, at a time.
 fn at_time(motion: &dyn CloudMotion, clouds: &[TrainedCloud], time: f64) -> Vec<CloudParameters> {
     clouds.iter().enumerate().map(|(index, cloud)| motion.cloud_at(time, index, &cloud.parameters)).collect()
-}
-
-/// A refusal of the rasteriser: more than can be counted.
-pub(crate) fn refused(e: impl std::fmt::Display) -> SystemError {
-    SystemError::Config { field: "max_splats", value: e.to_string(), problem: "allow fewer Gaussians".into() }
 }

@@ -53,6 +53,7 @@ mod place_codes;
 #[cfg_attr(not(test), allow(dead_code, reason = "parts that no published system is made of yet"))]
 mod planes;
 pub(crate) mod refine;
+mod refusal;
 mod render;
 mod sample_places;
 mod skipped;
@@ -79,7 +80,7 @@ pub(crate) use density_config::{
     AdcConfig, DensityConfig, DensityKind, DensityRules, McmcConfig, PlannedDensity, SplitConfig,
 };
 pub(crate) use drawing::{DrawnCloud, SeenGaussians, VisibleCloud};
-pub(crate) use driver::{PhotoTimes, ViewParts, Views, refused};
+pub(crate) use driver::{PhotoTimes, ViewParts, Views};
 pub(crate) use front::{CloudLayers, Front, FrontSeen, ViewLayers};
 pub(crate) use hooks::{
     Beside, CloudMotion, ColourAppearance, ColourBars, Learns, RenderJudge, SeenDepth, SeenPhoto, SurveyJudge,
@@ -87,6 +88,7 @@ pub(crate) use hooks::{
 pub(crate) use pass::{LossParts, Outcome, Pass, PassError, PicturePass, StepCamera, ViewSpaceGradient, squared_error};
 pub(crate) use place_codes::PlaceCodes;
 pub(crate) use planes::{PlaneLayout, RenderedPicture};
+pub(crate) use refusal::refused;
 pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
 pub(crate) use sample_places::SamplePlaces;
 pub(crate) use terms::{DepthShapeTerm, L1Dssim, L1DssimConfig, Nearness, PictureTerm, Structure, TargetPicture};

@@ -1,6 +1,7 @@
 //! Gaussians that begin from outside: at places that something else than the density control has found.
 
-use super::driver::{Views, refused};
+use super::driver::Views;
+use super::refusal::refused;
 use super::start::{NewGaussian, Place, Start, round};
 use engine::data::Dataset;
 use engine::system::SystemError;

@@ -12,7 +12,7 @@ use std::sync::atomic::Ordering;
 const TILE: usize = 128;
 
 impl Deform {
-    /// Sum over points of `w` times the robust elastic energy of the deformation there (equations 5 and 6), and `factor` times
+    /// Sum over points of `w` times the robust elastic energy of the deformation there (`losses::elastic`), and `factor` times
     /// its gradient, added to `grad`. Points without weight are left out.
     pub(crate) fn elastic(
         &self,

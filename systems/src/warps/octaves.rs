@@ -13,10 +13,11 @@ use float_core::Simd;
 /// # Errors
 /// [`SystemError::Config`] for numbers of octaves that cannot be.
 pub(super) fn frequency(dims: usize, octaves: usize, identity: Identity) -> Result<Frequency, SystemError> {
-    Frequency::new(dims, octaves, Base::One, identity).map_err(refuse)
+    Frequency::new(dims, octaves, Base::One, identity)
+        .map_err(|e| refuse("warp_octaves, time_octaves, ambient_octaves", format!("one of them is {octaves}"), e))
 }
 
-/// Sines and cosines with a weight for each octave (Nerfies, equation 8).
+/// Sines and cosines with a weight for each octave (Nerfies, section 3.5).
 pub(crate) struct Octaves {
     frequency: Frequency,
     opens: Window,

@@ -48,7 +48,11 @@ impl NetworkShape {
     pub(super) fn mlp(self) -> Result<Mlp, SystemError> {
         let Self { inputs, depth, width, outputs } = self;
         let skips = if depth > 4 { vec![4] } else { vec![] };
-        Mlp::new(&MlpConfig::new(inputs, vec![width; depth], outputs).with_skips(skips)).map_err(refuse)
+        let refused = |e| {
+            let value = format!("one of the networks has {depth} layers of {width}");
+            refuse("warp_width, warp_depth, ambient_width, ambient_depth", value, e)
+        };
+        Mlp::new(&MlpConfig::new(inputs, vec![width; depth], outputs).with_skips(skips)).map_err(refused)
     }
 }
 

@@ -3,7 +3,8 @@
 
 use super::at::{At, Moves};
 use super::parameters::{Parameters, TIME};
-use super::settings::{bad, in_range, refuse};
+use super::settings::{bad, in_range};
+use crate::settings::together;
 use engine::system::SystemError;
 use field_core::encoding::planes::Planes;
 use field_core::tape::{EncodingOp, Node, Tape, TapeError};
@@ -143,7 +144,8 @@ impl TimePlanes {
         let mut sets = Vec::with_capacity(settings.cells.len());
         for (k, &cells) in settings.cells.iter().enumerate() {
             let resolution = [cells, cells, cells, settings.times].map(|cells| cells as u32);
-            let planes = Planes::k_planes(resolution, settings.features).map_err(refuse)?;
+            let planes = Planes::k_planes(resolution, settings.features)
+                .map_err(|e| together("planes, plane_features, plane_times", &settings, e))?;
             let range = parameters.planes(k, &planes);
             sets.push(Set { planes, op: EncodingOp::new(planes, parameters.simd), range });
         }

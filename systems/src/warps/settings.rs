@@ -22,6 +22,6 @@ pub(super) fn in_range<T: PartialOrd + Display>(
 }
 
 /// What an encoding or a network refuses of settings that were checked.
-pub(super) fn refuse(e: impl Display) -> SystemError {
-    bad("warp, ambient", "", e.to_string())
+pub(super) fn refuse(field: &'static str, value: impl Display, e: impl Display) -> SystemError {
+    bad(field, value, e.to_string())
 }

@@ -25,7 +25,7 @@
 use super::{d_nerf_published, t_nerf};
 use crate::claims::Claim;
 use crate::papers::field_kind::FieldKind;
-use crate::plan::{Ask, Built, COHERENCE, Moving, moving_field};
+use crate::plan::{Ask, Built, Moving, moving_field};
 use crate::settings::Settings;
 use crate::warps::{
     At, CoherenceSettings, Deform, Deformation, DensityInputs, DensitySettings, Motion, Moved, Origin, Parameters,
@@ -63,9 +63,6 @@ const TIME: TimeSettings = TimeSettings { octaves: 6, ..t_nerf::TIME };
 /// The displacement: 3 x 64 with 4 octaves, where the paper has 8 x 256 with 10.
 const WARP: WarpSettings =
     WarpSettings { motion: Motion::Translation, origin: Origin::Free, octaves: 4, anneal: 0.0, depth: 3 };
-
-/// The paper has no loss on displacements.
-const COHERENT: CoherenceSettings = CoherenceSettings { coherence: COHERENCE, ..CoherenceSettings::NONE };
 
 struct DNerf {
     planes: TimePlanes,
@@ -147,7 +144,7 @@ pub(crate) fn deform(settings: &mut Settings<'_>, times: Times, seed: u64) -> Re
     let rows = density.rows() + planes.density_rows();
     let planes = TimePlanes::new(planes, &mut parameters)?;
     Deform::new(Box::new(DNerf { planes, psi_t, density, rows }), time, parameters)
-        .with_coherence(settings.of(&COHERENT)?)
+        .with_coherence(settings.of(&CoherenceSettings::NONE)?)
 }
 
 /// `ngp`'s field, deformed; or the published networks.
@@ -156,16 +153,5 @@ pub(crate) fn build(mut ask: Ask<'_>) -> Built {
     match field {
         FieldKind::Ngp => moving_field(ask, &Moving::deformed(deform)),
         FieldKind::Mlp => d_nerf_published::build(ask),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_claim_says_that_neighbours_are_held_together_where_they_are_as_planned() {
-        let says = CLAIM.differs.contains("neighbours are held together (`coherence`)");
-        assert_eq!(says, COHERENCE > 0.0, "{}", CLAIM.differs);
     }
 }

@@ -2,12 +2,16 @@
 //! Dynamic Monocular Video", 2021).
 //!
 //! ```text
-//! (c_s, sigma_s) = F_still(x, d)                                      from pixels that do not move
-//! (c, sigma, s_fw, s_bw, b) = F_moving(x, t, d)
-//! C_full = sum T (m alpha c + (1 - m) alpha_s c_s),   m = 1 - b       equation 14
+//! (g_s, sigma_s) = F_still(x)                                         from pixels that do not move; g: what colours depend on
+//! (g_m, sigma_m, s_fw, s_bw, b) = F_moving(x, t)
+//! sigma = (1 - m) sigma_s + m sigma_m,   m = 1 - b,   P = m sigma_m / sigma
+//! C_full = sum T alpha F_colour((1 - P) g_s + P g_m, d)               fields::blend
 //! C_t':  colours at x + s at the time of a frame beside
 //! L = 3 L_full + L_dynamic + 0.02 L_motion + 0.04 L_depth + regularisers     cycle and smooth: equations 11 to 13, code
 //! ```
+//!
+//! `C_full` stands for equation 14, where opacities and colours are mixed by `m`: here densities are, and the features that one network makes
+//! colours of.
 //!
 //! `F_moving` is a hash grid with planes of place and time, in cells where something moves; `F_still` is the field of `ngp`, whose density
 //! is held once something moves. What each loss is stands in `flow_terms`; its factors are those of the released code.
@@ -26,17 +30,19 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Gao et al., 2021",
     what: "A still part from what masks leave, then held; before it one that moves, with scene flow, at the depths of the still one",
     take: "as `nsff`, with masks of what moves",
-    differs: "Two hash grids, the moving one with planes of place and time, instead of 8 x 256 networks: it is there only where something \
-              moves, after a seventh of the run, and its renders show the still part elsewhere. One network gives the colours of \
-              both, and learns on while the rest of the still part is held. Densities are mixed, not colours; flow, disparities \
-              and masks are optional.",
+    differs: "Two hash grids, the moving one with planes of time, instead of 8 x 256 networks: there only where something \
+              moves, after a seventh of the run. Densities are mixed, and features of one colour network, which learns on \
+              while the rest of the still part is held; the gate has another entropy; weighted errors are means over all rays; \
+              scene flow is at most a tenth of the cube. Flow, disparities and masks are optional.",
     mark: "hash grids, a moving part where something moves",
 };
 
 /// What the released code multiplies the error of the full render by, which is 1 here: all other factors are divided by it.
 const FULL: f32 = 3.0;
 
-/// As released; losses of scene flow are in sides of the unit cube, half of them in NDC.
+/// Factors as released. What they multiply is not in all: means of weighted errors are over all rays (`render_terms`), scene flow is at most
+/// a tenth of the unit cube, and the gate has the entropy of `background=static` (docs/decisions/0053). Losses of scene flow are in
+/// sides of the unit cube, half of them in NDC.
 const WEIGHTS: FlowWeights = FlowWeights {
     flow_renders: 1.0 / FULL,
     flow_hidden: 0.0,

@@ -91,7 +91,7 @@ fn gamma(x: &[f64], window: &[f64], identity: bool) -> Vec<f64> {
     out
 }
 
-/// Nerfies, equation 8.
+/// Nerfies, section 3.5.
 fn window(alpha: f64) -> [f64; 2] {
     [0.0, 1.0].map(|k| (1.0 - (std::f64::consts::PI * (alpha - k).clamp(0.0, 1.0)).cos()) / 2.0)
 }

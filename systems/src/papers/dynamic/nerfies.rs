@@ -2,12 +2,15 @@
 //! Martin-Brualla, "Nerfies: Deformable Neural Radiance Fields", 2021).
 //!
 //! ```text
-//! (omega, v) = W(gamma_a(x), w_i)           a free code w_i for each time step; octaves come in coarse to fine (equation 8)
+//! (omega, v) = W(gamma_a(x), w_i)           a free code w_i for each time step; octaves come in coarse to fine (section 3.5)
 //! x' = exp(omega) x + V(omega) v            a screw motion of the point (section 3.2)
 //! (c, sigma) = F(x', d, psi_i)              psi_i: a free code of each photo's appearance, where exposures differ
 //! L = |C - C'|^2 + lambda sum w rho(|log S|^2) + mu sum rho(|x' - x|)     elastic over singular values S of the Jacobian
-//!                                                                        (equation 6), background (section 3.4)
+//!                                                                        (section 3.3), background (section 3.4)
 //! ```
+//!
+//! Sections are those of the paper at ICCV 2021, as wherever it is cited here: 3.1 appearance codes, 3.2 codes of time and motions, 3.3
+//! elastic loss, 3.4 background loss, 3.5 coarse to fine, whose window is equation 8.
 //!
 //! The elastic energy comes without a singular value decomposition (`losses::elastic`). The exponential is smooth at 0, where
 //! the published form divides by the angle.
@@ -30,9 +33,10 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Park et al., 2021",
     what: "Rigid motions by a free code for each time, kept rigid where there is matter, coarse to fine; points of the dataset stay where they are",
     take: "a person or an animal that moves a little",
-    differs: "The template is a hash grid and the warp sees planes of place and time; octaves come in over the first \
-              third of the run, the elastic loss looks at one sample a ray, the background loss has a factor of 3e-5 instead \
-              of 1. Photos have appearance codes, held near 0, only where exposures differ; cameras have none.",
+    differs: "The template is a hash grid; the warp is 3 x 64 instead of 6 x 128 and sees planes of place and time; octaves \
+              come in over the first third of the run, the elastic loss looks at one sample a ray, the background loss has a \
+              factor of 3e-5 instead of 1. Photos have appearance codes, held near 0, only where exposures differ; cameras \
+              have none.",
     mark: "hash grid, background loss 3e-5",
 };
 
@@ -82,7 +86,7 @@ impl RigidMotion {
         p: &PlaneFeatures<'_>,
     ) -> Result<Option<Node>, TapeError> {
         let Some(w) = moving(&self.w, at) else { return Ok(None) };
-        // gamma_a(x): octaves of the point, which come in coarse to fine (equation 8).
+        // gamma_a(x): octaves of the point, which come in coarse to fine (section 3.5).
         let gamma = w.octaves.of(tape, at.x)?;
         // (omega, v) = W(gamma_a(x), w_i, p).
         let twist = w.network.of(tape, &[&[gamma, at.time], p.for_warp()].concat())?;

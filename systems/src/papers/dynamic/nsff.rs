@@ -2,10 +2,14 @@
 //! Scenes", 2021).
 //!
 //! ```text
-//! (c, sigma, v) = F_still(x, d),   (c_i, sigma_i, S_i, p_i) = F_moving(x, d, i)
+//! (g_s, sigma_s) = F_still(x),   (g_i, sigma_i, v, S_i, p_i) = F_moving(x, i)         g: what colours depend on
+//! sigma = (1 - v) sigma_s + v sigma_i,   P = v sigma_i / sigma,   c = F_colour((1 - P) g_s + P g_i, d)         fields::blend
 //! C_ji: colours at x + S_ij at the time of j, along the ray of i
 //! L = L_full + L_photo + L_cycle + 0.02 L_flow + 0.04 L_depth + 0.1 (L_hidden + L_small + L_spatial + L_steady)     (section 3.2)
 //! ```
+//!
+//! The second line stands for the sum over both parts of section 3.3, where opacities and colours are mixed by `v`: here densities are, and
+//! the features that one network makes colours of.
 //!
 //! `F_moving` is a hash grid with planes of place and time, in cells where something moves; `F_still` is the field of `ngp`. The gate `v`
 //! belongs to the moving part, as it is there for its cells alone. What each loss is stands in `flow_terms`; its factors are those
@@ -26,14 +30,16 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Li et al., 2021",
     what: "A still part, and a moving one that says where its points are a frame on and a frame back; held to optical flow and disparities, if any",
     take: "a film by one camera that moves; one photo a time",
-    differs: "Two hash grids, the moving one with planes of place and time, instead of 8 x 256 networks: it is there only where something \
-              moves, after a seventh of the run, and its renders show the still part elsewhere. One network gives the colours of \
-              both; the gate depends on the time; hard rays are those of large errors. Flow and disparities are optional, and \
-              half of the rays are seen in other frames.",
+    differs: "Two hash grids, the moving one with planes of time, not 8 x 256 networks: there only where something moves, \
+              after a seventh of the run; elsewhere it shows the still part. Densities and features of one colour network are \
+              mixed; the gate knows the time and has another entropy; weighted errors are means over all rays; scene flow ends \
+              at a tenth of the cube; hard rays have large errors. Flow and disparities are optional.",
     mark: "hash grids, a moving part where something moves",
 };
 
-/// As released; losses of scene flow are in sides of the unit cube, half of them in NDC.
+/// Factors as released. What they multiply is not in all: means of weighted errors are over all rays (`render_terms`), scene flow is at most
+/// a tenth of the unit cube, and the gate has the entropy of `background=static` (docs/decisions/0053). Losses of scene flow are in
+/// sides of the unit cube, half of them in NDC.
 const WEIGHTS: FlowWeights = FlowWeights {
     flow_renders: 1.0,
     flow_hidden: 0.1,

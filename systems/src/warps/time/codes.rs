@@ -1,4 +1,4 @@
-//! `w_i`: a free code for each time step (Nerfies, section 3.1), linear in between.
+//! `w_i`: a free code for each time step (Nerfies, section 3.2), linear in between.
 
 use super::frames::Times;
 use super::input::TimeInput;

@@ -16,7 +16,8 @@ pub use config::{ConesConfig, MipNerfConfig, RateConfig};
 
 use super::place::{placed, space_of};
 use crate::claims::Claim;
-use crate::networks::{Along, Footprint, Level, NetworkShape, Recipe, Tile, TwoLevel, refuse};
+use crate::limits::refusal;
+use crate::networks::{Along, Footprint, Level, NetworkShape, Recipe, Tile, TwoLevel};
 use crate::plan::{Ask, Built, planned};
 use crate::space::{InternalRay, Space};
 use engine::system::SystemError;
@@ -50,7 +51,8 @@ impl Recipe for MipNerfConfig {
     fn network(&self) -> Result<NetworkShape<Integrated>, SystemError> {
         let network = self.levels.network;
         Ok(NetworkShape {
-            position: Integrated::new(3, network.position_octaves).map_err(refuse)?,
+            position: Integrated::new(3, network.position_octaves)
+                .map_err(|e| refusal("position_octaves", network.position_octaves, e))?,
             direction_octaves: network.direction_octaves,
             width: network.width,
             depth: network.depth,

@@ -1,8 +1,9 @@
 //! Two networks: a small one that proposes where density may be, asked in every proposal round, and the final one.
 
 use super::config::NetworksConfig;
+use crate::limits::refusal;
 use crate::networks::parts::{self, Part};
-use crate::networks::refuse;
+use crate::settings::together;
 use engine::system::SystemError;
 use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::encoding::integrated::{Integrated, Projection, icosahedron};
@@ -39,16 +40,21 @@ pub(super) struct Ops<'a> {
     parts: [Part<'a>; 5],
 }
 
+/// Settings of the layers.
+const SIZES: &str = "width, depth, proposal_width, proposal_depth, bottleneck, view_width";
+
 impl Shapes {
     pub(super) fn new(config: &NetworksConfig) -> Result<Self, SystemError> {
         let basis = icosahedron(TESSELLATION);
-        let position = Integrated::new(basis.len(), config.octaves).map_err(refuse)?;
-        let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include).map_err(refuse)?;
+        let position =
+            Integrated::new(basis.len(), config.octaves).map_err(|e| refusal("octaves", config.octaves, e))?;
+        let direction = Frequency::new(3, config.direction_octaves, Base::One, Identity::Include)
+            .map_err(|e| refusal("direction_octaves", config.direction_octaves, e))?;
         let mlp = |inputs, hidden: Vec<usize>, outputs, output_activation, skips| {
             Mlp::new(
                 &MlpConfig::new(inputs, hidden, outputs).with_output_activation(output_activation).with_skips(skips),
             )
-            .map_err(refuse)
+            .map_err(|e| together(SIZES, config, e))
         };
         let (w, d, rows) = (config.width, config.depth, position.out_rows());
         // As in NeRF: the encoding comes in again at the sixth layer.

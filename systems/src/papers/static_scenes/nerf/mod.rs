@@ -15,7 +15,8 @@ pub use config::{NerfConfig, NerfTrainingConfig};
 
 use super::place::{placed, space_of};
 use crate::claims::Claim;
-use crate::networks::{Along, Footprint, Level, NetworkShape, Recipe, Tile, TwoLevel, refuse};
+use crate::limits::refusal;
+use crate::networks::{Along, Footprint, Level, NetworkShape, Recipe, Tile, TwoLevel};
 use crate::photo_model::PhotoModel;
 use crate::plan::{Ask, Built, Ground, planned};
 use crate::space::{InternalRay, Space};
@@ -48,7 +49,8 @@ impl Recipe for NerfConfig {
     fn network(&self) -> Result<NetworkShape<Frequency>, SystemError> {
         let network = self.levels.network;
         Ok(NetworkShape {
-            position: Frequency::new(3, network.position_octaves, Base::One, Identity::Include).map_err(refuse)?,
+            position: Frequency::new(3, network.position_octaves, Base::One, Identity::Include)
+                .map_err(|e| refusal("position_octaves", network.position_octaves, e))?,
             direction_octaves: network.direction_octaves,
             width: network.width,
             depth: network.depth,

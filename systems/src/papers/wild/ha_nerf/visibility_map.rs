@@ -11,6 +11,7 @@ use field_core::encoding::frequency::{Base, Frequency, Identity};
 use field_core::mlp::{Mlp, MlpConfig};
 use field_core::rng::Rng;
 use float_core::Simd;
+use float_core::m32::logistic;
 use std::ops::Range;
 
 /// Stream of the initial parameters.
@@ -47,10 +48,6 @@ impl Input {
         }
         self.octaves.encode(self.simd, &places, None, octaves).expect("two rows in, theirs out");
     }
-}
-
-fn logistic(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
 }
 
 impl VisibilityMap {

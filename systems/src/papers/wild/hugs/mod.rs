@@ -184,7 +184,8 @@ impl Hugs {
         scene: &Scene,
         data: &Dataset,
     ) -> Result<Self, SystemError> {
-        let min_track = min_track(settings.track_share, data.len()).map_err(|e| refused(&e))?;
+        let min_track = min_track(settings.track_share, data.len())
+            .map_err(|e| refused("track_share", settings.track_share, &e))?;
         Ok(Self {
             frames: scene.frames.clone(),
             charbonnier: Kernel::CHARBONNIER_360,

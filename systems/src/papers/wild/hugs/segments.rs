@@ -26,7 +26,7 @@ impl Pieces {
         photo: &[[f32; 3]],
     ) -> Result<Self, SystemError> {
         let mut labels = vec![0; extent.pixels()];
-        superpixels.run(extent, photo, &mut labels).map_err(|e| refused(&e))?;
+        superpixels.run(extent, photo, &mut labels).map_err(|e| refused("superpixels", superpixels.count, &e))?;
         Ok(Self::Labels(labels))
     }
 
@@ -58,8 +58,9 @@ impl Pieces {
     }
 }
 
-pub(super) fn refused(e: &LossError) -> SystemError {
-    SystemError::Config { field: "track_share, segment_share", value: String::new(), problem: e.to_string() }
+/// A setting of which no segments can be made.
+pub(super) fn refused(field: &'static str, value: impl ToString, e: &LossError) -> SystemError {
+    SystemError::Config { field, value: value.to_string(), problem: e.to_string() }
 }
 
 /// The heuristic of structure from motion, `H_SfM`: segments around features that at least `min_track` photos share.
@@ -99,6 +100,6 @@ pub(super) fn shared_features(
             None => discs(extent, &points, disc_radius(extent), &mut out),
         }
     };
-    made.map_err(|e| refused(&e))?;
+    made.map_err(|e| refused("track_share", format!("at least {min_track} photos"), &e))?;
     Ok(out)
 }
