@@ -1,11 +1,11 @@
 //! Depth losses against golden vectors: `tests/golden/losses_depth.json`.
 
-use losses::Kernel;
 use losses::depth::median::{Alignment, aligned, aligned_backward};
 use losses::depth::pearson::{pearson, pearson_backward};
 use losses::depth::ranking::{MARGIN, ranking, ranking_backward};
 use losses::depth::{ScaleShift, supervised, supervised_backward};
 use losses::edge_variation::{DepthAndPhoto, edge_variation, edge_variation_backward};
+use losses::kernel::Kernel;
 use testkit::golden::{Golden, Kind, assert_close};
 
 fn golden() -> Golden {
