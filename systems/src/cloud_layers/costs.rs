@@ -2,11 +2,11 @@
 //!
 //! ```text
 //! main    = |C - I| + w_e sum_(e in f, b) 1[P_e > 0.51] (|C_e - I| + 0.1 (1 - SSIM(C_e, I)))
-//!           + w_d mean 1[P_f > 0.6] max(D_f - D_b, 0) + w_s V(D_b, I)
+//!           + w_v mean 1[P_f > 0.51] r(C_f, C_b) + w_d mean 1[P_f > 0.6] max(D_f - D_b, 0) + w_s V(D_b, I)
 //! utility = w_u (1 - SSIM(C, I)) + w_p P_f + w_h H(P_f) + w_B |B - 1|
 //! ```
 //!
-//! `D` are depths, `V` their variation ([`losses::edge_variation`]), `H` the entropy of the mask. Before the cloud in front begins, the one
+//! `r` is the likeness of structure ([`losses::structure`]), `D` are depths, `V` their variation ([`losses::edge_variation`]), `H` the entropy of the mask. Before the cloud in front begins, the one
 //! behind learns alone. Indicators and the depth behind in the separation have no gradient. The share of the front
 //! (`w_p`) costs nothing in the paper.
 //!
@@ -21,6 +21,7 @@ use losses::LossError;
 use losses::dssim::{Dssim, Pair, Target};
 use losses::edge_variation::{DepthAndPhoto, edge_variation_backward};
 use losses::entropy;
+use losses::structure::{Pictures, structure_backward};
 
 /// A pixel is most likely of a cloud above this share of it; its depth is compared above the second one.
 const LIKELY: f32 = 0.51;
@@ -147,11 +148,17 @@ impl Costs {
         let mut sum = 0.0;
         let structure = front_structure as f32;
         if let Some(front) = &seen.front {
-            sum += self.compare(Which::Both, seen, target, None, [1.0, 0.0], &mut main)?;
-            sum += self.compare(Which::Both, seen, target, None, [0.0, structure], &mut utility)?;
+            if self.settings.front_apart {
+                sum += self.apart(seen, target, &mut main)?;
+                sum += self.compare(Which::Behind, seen, target, Some(Weigh::ByShare), [0.0, structure], &mut utility)?;
+            } else {
+                sum += self.compare(Which::Both, seen, target, None, [1.0, 0.0], &mut main)?;
+                sum += self.compare(Which::Both, seen, target, None, [0.0, structure], &mut utility)?;
+            }
             let own = [front_each as f32, STRUCTURE_OF_EACH * front_each as f32];
-            sum += self.compare(Which::Front, seen, target, Some(Weigh::FRONT), own, &mut main)?;
-            sum += self.compare(Which::Behind, seen, target, Some(Weigh::BEHIND), own, &mut main)?;
+            sum += self.compare(Which::Front, seen, target, Some(Weigh::Likely), own, &mut main)?;
+            sum += self.compare(Which::Behind, seen, target, Some(Weigh::Likely), own, &mut main)?;
+            sum += self.divergence(seen, target, &mut main)?;
             sum += self.separation(seen, front, target, &mut main);
             sum += self.masks(seen, target, at, &mut utility);
         } else {
@@ -192,7 +199,8 @@ impl Costs {
         let weights_of_pixels = match weigh {
             None => target.weights,
             Some(weigh) => {
-                let counted = |(i, pixel): (usize, &Composed)| weigh.of(pixel) * target.weights.map_or(1.0, |w| w[i]);
+                let counted =
+                    |(i, pixel): (usize, &Composed)| weigh.of(which, pixel) * target.weights.map_or(1.0, |w| w[i]);
                 self.weights.clear();
                 self.weights.extend(seen.composed.iter().enumerate().map(counted));
                 Some(&self.weights[..])
@@ -212,6 +220,54 @@ impl Costs {
             bars.composed.iter_mut().zip(plane).for_each(|(pixel, bar)| which.bar(pixel)[c] += bar);
         }
         Ok(bar * loss)
+    }
+
+    /// `mean P_f |C_f - I| + (1 - P_f) |C_b - I|`: the front learns what it has, and has what the cloud behind is far from. The share has
+    /// no gradient of the first term.
+    fn apart(
+        &mut self,
+        seen: &Seen<'_>,
+        target: &TargetPicture<'_>,
+        bars: &mut CostBars,
+    ) -> Result<f64, LossError> {
+        let mut sum = self.compare(Which::Front, seen, target, Some(Weigh::ByShare), [1.0, 0.0], bars)?;
+        sum += self.compare(Which::Behind, seen, target, Some(Weigh::ByShare), [1.0, 0.0], bars)?;
+        let n = seen.composed.len();
+        for (i, (pixel, bar)) in seen.composed.iter().zip(&mut bars.composed).enumerate() {
+            let counts = target.weights.map_or(1.0, |w| w[i]);
+            let off: f32 = (0..3).map(|c| (pixel.behind[c] - target.colour[c * n + i]).abs()).sum();
+            bar.share -= counts * off / (3 * n) as f32;
+        }
+        Ok(sum)
+    }
+
+    /// What is in front should not have the structure of what is behind.
+    fn divergence(
+        &mut self,
+        seen: &Seen<'_>,
+        target: &TargetPicture<'_>,
+        bars: &mut CostBars,
+    ) -> Result<f64, LossError> {
+        let (n, weight) = (seen.composed.len(), self.settings.front_divergence);
+        if weight <= 0.0 || n == 0 {
+            return Ok(0.0);
+        }
+        let planes = |of: Which| -> Vec<f32> {
+            (0..3).flat_map(|c| seen.composed.iter().map(move |pixel| of.of(pixel)[c])).collect()
+        };
+        let [x, y] = [planes(Which::Front), planes(Which::Behind)];
+        let counted = |(i, pixel): (usize, &Composed)| Weigh::Likely.of(Which::Front, pixel) * target.weights.map_or(1.0, |w| w[i]);
+        let weights: Vec<f32> = seen.composed.iter().enumerate().map(counted).collect();
+        let of = Pictures { size: seen.behind.size, x: &x, y: &y, weights: Some(&weights) };
+        let mut both = [vec![0.0; 3 * n], vec![0.0; 3 * n]];
+        let [x_bar, y_bar] = &mut both;
+        let likeness = structure_backward(&of, weight, x_bar, y_bar)?;
+        for (which, planes) in [Which::Front, Which::Behind].into_iter().zip(&both) {
+            for (c, plane) in planes.chunks_exact(n).enumerate() {
+                bars.composed.iter_mut().zip(plane).for_each(|(pixel, bar)| which.bar(pixel)[c] += bar);
+            }
+        }
+        Ok(weight * likeness)
     }
 
     /// What is in front should not lie behind.
@@ -264,17 +320,25 @@ impl Costs {
     }
 }
 
-/// Which pixels count: those whose share of the front is in a range.
-struct Weigh {
-    above: f32,
-    below: f32,
+/// How much a pixel of a cloud alone counts.
+#[derive(Clone, Copy)]
+enum Weigh {
+    /// 1 where it is most likely the cloud's.
+    Likely,
+    /// As much as the cloud has of it.
+    ByShare,
 }
 
 impl Weigh {
-    const FRONT: Self = Self { above: LIKELY, below: f32::INFINITY };
-    const BEHIND: Self = Self { above: f32::NEG_INFINITY, below: 1.0 - LIKELY };
-
-    fn of(&self, pixel: &Composed) -> f32 {
-        if pixel.share > self.above && pixel.share < self.below { 1.0 } else { 0.0 }
+    fn of(self, which: Which, pixel: &Composed) -> f32 {
+        let own = match which {
+            Which::Both => 1.0,
+            Which::Front => pixel.share,
+            Which::Behind => 1.0 - pixel.share,
+        };
+        match self {
+            Self::ByShare => own,
+            Self::Likely => f32::from(u8::from(own > LIKELY)),
+        }
     }
 }
