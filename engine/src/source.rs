@@ -3,8 +3,8 @@
 use crate::error::RunError;
 use crate::options::DataOptions;
 use scene_io::synthetic::{
-    Drawn, Mouth, MouthOptions, Orbit, OrbitMotion, OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, mouth, orbit, plaza,
-    tabletop, tissue,
+    Drawn, Mouth, MouthOptions, Orbit, OrbitMotion, OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, mouth,
+    orbit, plaza, tabletop, tissue,
 };
 use scene_io::{Depth, PerturbationKind, Report, Scene, TrainPhotos};
 use std::path::Path;
@@ -16,8 +16,8 @@ pub const PERTURBED: &str = "perturbed:";
 /// Seed of the perturbations: that of the protocol.
 const SEED: u64 = 0;
 
-/// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, the same without what moves (`synthetic:orbit-empty`), `synthetic:mouth`, `synthetic:tissue`,
-/// `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
+/// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, the same without what moves (`synthetic:orbit-empty`),
+/// `synthetic:mouth`, `synthetic:tissue`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
 ///
 /// # Errors
 /// [`RunError::Scene`] for datasets that cannot be read, [`RunError::Option`] for words that mean nothing.

@@ -220,21 +220,6 @@ impl PicturePass for LayeredPass {
             behind: self.behind.picture(size),
             front: begun.then(|| self.front.picture(size)),
         };
-        if std::env::var_os("DGDBG").is_some() && parts.step % 59 == 0 && begun {
-            let n = self.composed.len();
-            let w = size[0];
-            let (mut a, mut b, mut na, mut nb) = (0.0_f32, 0.0_f32, 0, 0);
-            let (mut ea, mut fa) = (0.0_f32, 0.0_f32);
-            for i in 0..n {
-                let p = &self.composed[i];
-                let err: f32 = (0..3).map(|c| (p.behind[c] - target.colour[c * n + i]).abs()).sum::<f32>() / 3.0;
-                let (x, y) = (i % w, i / w);
-                let _ = (x, y);
-                if err > 0.15 { a += p.share; na += 1; ea += err; fa += (0..3).map(|c| (p.front[c] - target.colour[c * n + i]).abs()).sum::<f32>() / 3.0; } else { b += p.share; nb += 1; }
-            }
-            let (na_, nb_) = (na.max(1) as f32, nb.max(1) as f32);
-            eprintln!("DBG step {} share where bad {:.3} ({na}) else {:.3}; err behind {:.3} front {:.3}", parts.step, a / na_, b / nb_, ea / na_, fa / na_);
-        }
         let loss = self.costs.add(&seen, target, at)?;
         let picture = RenderedPicture { colour: &self.colour, ..seen.behind };
         let mse = squared_error(&picture, target);

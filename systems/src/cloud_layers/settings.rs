@@ -29,6 +29,8 @@ pub(crate) struct LayerSettings {
     pub(crate) front_entropy: f64,
     /// Share of the front: what both could show is of the cloud behind.
     pub(crate) front_sparsity: f64,
+    /// The same where the front begins: it grows to the other until the middle of the schedule.
+    pub(crate) front_sparsity_start: f64,
     /// What is in front lies behind.
     pub(crate) front_separation: f64,
     /// Depths behind vary where the photo does not.
@@ -40,7 +42,17 @@ pub(crate) struct LayerSettings {
     pub(crate) front_prune: f64,
 }
 
+/// Where [`LayerSettings::front_sparsity`] is reached.
+const SPARSE_FROM: f64 = 0.5;
+
 impl LayerSettings {
+    /// What the share of the front costs at a share of the schedule.
+    pub(super) fn sparsity(&self, at: f64) -> f64 {
+        let before = (SPARSE_FROM - self.front_from).max(f64::EPSILON);
+        let grown = ((at - self.front_from) / before).clamp(0.0, 1.0);
+        self.front_sparsity_start + grown * (self.front_sparsity - self.front_sparsity_start)
+    }
+
     /// # Errors
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
@@ -57,6 +69,7 @@ impl LayerSettings {
             not_negative("front_divergence", self.front_divergence),
             not_negative("front_entropy", self.front_entropy),
             not_negative("front_sparsity", self.front_sparsity),
+            not_negative("front_sparsity_start", self.front_sparsity_start),
             not_negative("front_separation", self.front_separation),
             not_negative("front_smoothness", self.front_smoothness),
             not_negative("front_brightness", self.front_brightness),
@@ -67,5 +80,41 @@ impl LayerSettings {
                 "must be an opacity, 0 to below 1",
             ),
         ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::cloud_layers::tests::SETTINGS;
+
+    #[test]
+    fn the_share_of_the_front_costs_more_until_the_middle() {
+        let settings = crate::cloud_layers::LayerSettings {
+            front_from: 0.1,
+            front_sparsity: 0.2,
+            front_sparsity_start: 0.1,
+            ..SETTINGS
+        };
+        for (at, want) in [(0.0, 0.1), (0.1, 0.1), (0.3, 0.15), (0.5, 0.2), (1.0, 0.2)] {
+            assert!((settings.sparsity(at) - want).abs() < 1e-12, "{at}");
+        }
+        // One that begins late has all of it at once.
+        let late = crate::cloud_layers::LayerSettings { front_from: 0.7, ..settings };
+        assert!((late.sparsity(0.71) - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_cannot_work_is_refused_by_its_name() {
+        use crate::cloud_layers::LayerSettings;
+        for (name, settings) in [
+            ("front_from", LayerSettings { front_from: 1.0, ..SETTINGS }),
+            ("front_divergence", LayerSettings { front_divergence: -1.0, ..SETTINGS }),
+            ("front_sparsity_start", LayerSettings { front_sparsity_start: f64::NAN, ..SETTINGS }),
+            ("front_prune", LayerSettings { front_prune: 1.0, ..SETTINGS }),
+        ] {
+            let error = settings.check().unwrap_err().to_string();
+            assert!(error.contains(name), "{name}: {error}");
+        }
+        assert!(SETTINGS.check().is_ok());
     }
 }

@@ -93,7 +93,7 @@ fn where_nothing_is_in_front_all_is_behind() {
     assert!(seen.share > 0.999 && (seen.colour[0] - 0.3).abs() < 1e-3, "{seen:?}");
 }
 
-const SETTINGS: LayerSettings = LayerSettings {
+pub(super) const SETTINGS: LayerSettings = LayerSettings {
     front_from: 0.1,
     front_at_camera: false,
     front_apart: false,
@@ -104,6 +104,7 @@ const SETTINGS: LayerSettings = LayerSettings {
     front_divergence: 0.1,
     front_entropy: 0.05,
     front_sparsity: 0.05,
+    front_sparsity_start: 0.02,
     front_separation: 0.1,
     front_smoothness: 0.05,
     front_brightness: 0.2,
@@ -242,6 +243,7 @@ fn clouds_that_are_compared_apart_share_pixels_by_how_far_the_one_behind_is_off(
         front_divergence: 0.0,
         front_entropy: 0.0,
         front_sparsity: 0.0,
+        front_sparsity_start: 0.0,
         front_separation: 0.0,
         front_brightness: 0.0,
         ..SETTINGS
@@ -266,7 +268,8 @@ fn what_goes_with_the_camera_is_the_same_from_everywhere_and_what_is_transparent
     let clouds = [CloudParameters::new(Gaussians::new(0, 1).unwrap(), 0), front];
     let settings = LayerSettings { front_at_camera: true, front_prune: 1e-3, ..SETTINGS };
     let here = step(settings, &clouds, 80);
-    let there = View { r: [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], t: [3.0, 1.0, -7.0], ..View::at_origin(SIZE) };
+    let there =
+        View { r: [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], t: [3.0, 1.0, -7.0], ..View::at_origin(SIZE) };
     let seen = step_from(&there, settings, &clouds, 80);
     assert_eq!((seen.loss, &seen.gradients[1]), (here.loss, &here.gradients[1]));
     assert_ne!(step_from(&there, SETTINGS, &clouds, 80).loss, here.loss);

@@ -10,8 +10,8 @@ use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
 use crate::views::start::{Start, StartOptions, scene_box};
 use crate::views::{
-    CloudConfig, CloudRates, CloudTraining, DensityConfig, ExtraRows, Front, PhotoTimes, RowStart,
-    TrainedCloud, UsePruning, ViewLayers, first_of, refused, unless,
+    CloudConfig, CloudRates, CloudTraining, DensityConfig, ExtraRows, Front, PhotoTimes, RowStart, TrainedCloud,
+    UsePruning, ViewLayers, first_of, refused, unless,
 };
 use engine::data::Dataset;
 use engine::system::SystemError;

@@ -15,8 +15,8 @@ use crate::views::cloud_frame::CloudFrame;
 use crate::views::start::scene_box;
 use crate::views::{
     CloudConfig, CloudMotion, CloudRates, CloudTraining, DensityConfig, DensityRules, ExtraRows, L1Dssim,
-    L1DssimConfig, MaskWeight, PhotoTimes, PictureConfig, PictureTerm, PlannedDensity, SplitConfig, TrainedCloud, UsePruning,
-    ViewParts, ViewSpaceGradient, Views, refused,
+    L1DssimConfig, MaskWeight, PhotoTimes, PictureConfig, PictureTerm, PlannedDensity, SplitConfig, TrainedCloud,
+    UsePruning, ViewParts, ViewSpaceGradient, Views, refused,
 };
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions, Stop};
