@@ -212,7 +212,6 @@ impl PicturePass for LayeredPass {
         if begun {
             drawn.pairs += self.front.draw(&front, &camera_of_front, None)?.pairs;
         }
-        self.count_uses(&front[0], begun);
         let size = camera.view.size;
         self.compose(size, begun);
         let seen = Seen {
@@ -251,6 +250,7 @@ impl PicturePass for LayeredPass {
         } else {
             of_front.gaussians.fields_mut().into_iter().for_each(|(_, values)| values.fill(0.0));
         }
+        self.count_uses(&front[0], begun);
         self.masks = masks;
         self.behind.add_seconds(parts.seconds);
         self.front.add_seconds(parts.seconds);
