@@ -163,7 +163,7 @@ mod tests {
         let (taps, [w, h]) = (window_taps(), SIZE);
         let mut sum = 0.0;
         for (x, y) in x.chunks_exact(w * h).zip(y.chunks_exact(w * h)) {
-            for i in 0..w * h {
+            for (i, weight) in weights.iter().enumerate() {
                 let mean = |f: &dyn Fn(usize) -> f64| -> f64 {
                     (0..w * h)
                         .map(|k| {
@@ -176,7 +176,7 @@ mod tests {
                 let (mx, my) = (mean(&|k| x[k]), mean(&|k| y[k]));
                 let sd = |m: f64, v: &[f64]| ((mean(&|k| v[k] * v[k]) - m * m).max(0.0) + 1e-8).sqrt();
                 let cov = mean(&|k| x[k] * y[k]) - mx * my;
-                sum += f64::from(weights[i]) * ((cov + 4.5e-4) / (sd(mx, x) * sd(my, y) + 4.5e-4)).max(0.0);
+                sum += f64::from(*weight) * ((cov + 4.5e-4) / (sd(mx, x) * sd(my, y) + 4.5e-4)).max(0.0);
             }
         }
         sum / x.len() as f64

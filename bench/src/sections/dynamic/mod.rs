@@ -96,9 +96,6 @@ fn section(bench: &Bench, keep: &Keep<'_>, title: &'static str, group: &Group) -
         let lpips = if quick { None } else { weights(bench)? };
         about = group.film.map(|film| film.write_priors(bench, folder.path())).transpose()?;
         for entry in group.entries.iter().filter(|entry| !quick || is_quick(group, entry)) {
-            if std::env::var("DGONLY").is_ok_and(|only| entry.name != only) {
-                continue;
-            } // DGTMP
             let Some(request) = request(bench, group, entry, folder.path())? else {
                 missing.push(group.name);
                 break;
