@@ -3,8 +3,8 @@
 use crate::error::RunError;
 use crate::options::DataOptions;
 use scene_io::synthetic::{
-    Drawn, Mouth, MouthOptions, Orbit, OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, mouth, orbit, plaza,
-    tabletop, tissue,
+    Drawn, Mouth, MouthOptions, Orbit, OrbitMotion, OrbitOptions, PlazaOptions, TabletopOptions, TissueOptions, mouth,
+    orbit, plaza, tabletop, tissue,
 };
 use scene_io::{Depth, PerturbationKind, Report, Scene, TrainPhotos};
 use std::path::Path;
@@ -16,8 +16,8 @@ pub const PERTURBED: &str = "perturbed:";
 /// Seed of the perturbations: that of the protocol.
 const SEED: u64 = 0;
 
-/// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, `synthetic:mouth`, `synthetic:tissue`,
-/// `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
+/// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, the same without what moves (`synthetic:orbit-empty`),
+/// `synthetic:mouth`, `synthetic:tissue`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
 ///
 /// # Errors
 /// [`RunError::Scene`] for datasets that cannot be read, [`RunError::Option`] for words that mean nothing.
@@ -113,16 +113,17 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
     let photos = data.load_options()?.train_photos;
     match name {
         "plaza" => Ok(plaza(&PlazaOptions { photos, ..PlazaOptions::default() })),
-        "tabletop" | "orbit" | "mouth" | "tissue" if photos == TrainPhotos::Clean => {
+        "tabletop" | "orbit" | "orbit-empty" | "mouth" | "tissue" if photos == TrainPhotos::Clean => {
             Err(RunError::Option(format!("`{SYNTHETIC}{name}` makes no difference between cluttered and clean photos")))
         }
         "tabletop" => Ok(tabletop(&TabletopOptions::default())),
         "orbit" => Ok(orbit(&OrbitOptions::default())),
+        "orbit-empty" => Ok(orbit(&OrbitOptions { motion: OrbitMotion::Gone, ..OrbitOptions::default() })),
         "mouth" => Ok(mouth(&MouthOptions::default())),
         "tissue" => Ok(tissue(&TissueOptions::default())),
         other => Err(RunError::Option(format!(
             "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop`, `{SYNTHETIC}orbit`, \
-             `{SYNTHETIC}mouth`, `{SYNTHETIC}tissue` and `{SYNTHETIC}plaza`"
+             `{SYNTHETIC}orbit-empty`, `{SYNTHETIC}mouth`, `{SYNTHETIC}tissue` and `{SYNTHETIC}plaza`"
         ))),
     }
 }
@@ -156,6 +157,17 @@ mod tests {
         let scene = load("synthetic:tabletop", &data).unwrap();
         let found: Vec<_> = scene.frames.iter().filter_map(|frame| frame.priors.motion.mask.as_ref()).collect();
         assert_eq!(found, [&mask]);
+    }
+
+    #[test]
+    fn the_empty_stage_has_the_cameras_of_the_full_one_and_other_pictures() {
+        let [full, empty] = ["synthetic:orbit", "synthetic:orbit-empty"]
+            .map(|word| load_in_order(word, &DataOptions::default()).unwrap());
+        assert_eq!(full.frames.len(), empty.frames.len());
+        for (a, b) in full.frames.iter().zip(&empty.frames) {
+            assert_eq!((&a.name, a.time, a.camera), (&b.name, b.time, b.camera));
+        }
+        assert_ne!(full.fingerprint(), empty.fingerprint());
     }
 
     #[test]

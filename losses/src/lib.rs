@@ -36,6 +36,7 @@
 //! * [`concrete`]: nearly binary opacities with a derivative (SF-NeRF)
 //! * [`edge_variation`]: depths that change where the photo has an edge (DeGauss)
 //! * [`smoothness`]: opacities that change little from pixel to pixel (SF-NeRF)
+//! * [`structure`]: two pictures that should not have the same structure (DeGauss)
 //! * [`sparsity`]: little density, little opacity of occluders (SF-NeRF)
 //!
 //! **Fits and metrics**
@@ -97,6 +98,7 @@ mod ray_intervals;
 pub mod scene_flow;
 pub mod smoothness;
 pub mod sparsity;
+pub mod structure;
 pub mod trimmed;
 pub mod uncertainty;
 pub mod variation;

@@ -80,7 +80,8 @@ pub(crate) struct Priors {
 #[derive(Debug, Args)]
 pub(crate) struct Check {
     /// Dataset folder or file, or a scene that needs no files: `synthetic:tabletop`, `synthetic:plaza` (photos of many people),
-    /// `synthetic:orbit` (moving), `synthetic:mouth` (opening and splitting), `synthetic:tissue` (deforming, with depth)
+    /// `synthetic:orbit` (moving), `synthetic:orbit-empty` (the same without what moves), `synthetic:mouth` (opening and splitting),
+    /// `synthetic:tissue` (deforming, with depth)
     ///
     /// `perturbed:c:` before it changes the colours of each training photo, `perturbed:o:` covers a part of it with squares,
     /// `perturbed:co:` does both.

@@ -2,11 +2,14 @@
 //!
 //! ```text
 //! main    = |C - I| + w_e sum_(e in f, b) 1[P_e > 0.51] (|C_e - I| + 0.1 (1 - SSIM(C_e, I)))
-//!           + w_d mean 1[P_f > 0.6] max(D_f - D_b, 0) + w_s V(D_b, I)
+//!           + w_v mean 1[P_f > 0.51] r(C_f, C_b) + w_d mean 1[P_f > 0.6] max(D_f - D_b, 0) + w_s V(D_b, I)
 //! utility = w_u (1 - SSIM(C, I)) + w_p P_f + w_h H(P_f) + w_B |B - 1|
 //! ```
 //!
-//! `D` are depths, `V` their variation ([`losses::edge_variation`]), `H` the entropy of the mask. Before the cloud in front begins, the one
+//! Apart (`front_apart`), `|C - I|` and `1 - SSIM(C, I)` are not there: each cloud costs `1[P_e > 0.51] |C_e - I|`, the one behind its
+//! structure there, and the share has the gradient of `(1 - P_f) |C_b - I|`.
+//!
+//! `r` is the likeness of structure ([`losses::structure`]), `D` are depths, `V` their variation ([`losses::edge_variation`]), `H` the entropy of the mask. Before the cloud in front begins, the one
 //! behind learns alone. Indicators and the depth behind in the separation have no gradient. The share of the front
 //! (`w_p`) costs nothing in the paper.
 //!
@@ -21,6 +24,7 @@ use losses::LossError;
 use losses::dssim::{Dssim, Pair, Target};
 use losses::edge_variation::{DepthAndPhoto, edge_variation_backward};
 use losses::entropy;
+use losses::structure::{Pictures, structure_backward};
 
 /// A pixel is most likely of a cloud above this share of it; its depth is compared above the second one.
 const LIKELY: f32 = 0.51;
@@ -112,6 +116,14 @@ impl Which {
     }
 }
 
+/// Which pixels count.
+#[derive(Clone, Copy)]
+enum Counted {
+    All,
+    /// Those that are most likely the cloud's.
+    Likely,
+}
+
 /// Costs, with their buffers.
 pub(super) struct Costs {
     settings: LayerSettings,
@@ -147,16 +159,22 @@ impl Costs {
         let mut sum = 0.0;
         let structure = front_structure as f32;
         if let Some(front) = &seen.front {
-            sum += self.compare(Which::Both, seen, target, None, [1.0, 0.0], &mut main)?;
-            sum += self.compare(Which::Both, seen, target, None, [0.0, structure], &mut utility)?;
+            if self.settings.front_apart {
+                sum += self.apart(seen, target, &mut main)?;
+                sum += self.compare(Which::Behind, seen, target, Counted::Likely, [0.0, structure], &mut utility)?;
+            } else {
+                sum += self.compare(Which::Both, seen, target, Counted::All, [1.0, 0.0], &mut main)?;
+                sum += self.compare(Which::Both, seen, target, Counted::All, [0.0, structure], &mut utility)?;
+            }
             let own = [front_each as f32, STRUCTURE_OF_EACH * front_each as f32];
-            sum += self.compare(Which::Front, seen, target, Some(Weigh::FRONT), own, &mut main)?;
-            sum += self.compare(Which::Behind, seen, target, Some(Weigh::BEHIND), own, &mut main)?;
+            sum += self.compare(Which::Front, seen, target, Counted::Likely, own, &mut main)?;
+            sum += self.compare(Which::Behind, seen, target, Counted::Likely, own, &mut main)?;
+            sum += self.divergence(seen, target, &mut main)?;
             sum += self.separation(seen, front, target, &mut main);
             sum += self.masks(seen, target, at, &mut utility);
         } else {
-            sum += self.compare(Which::Behind, seen, target, None, [1.0, 0.0], &mut main)?;
-            sum += self.compare(Which::Behind, seen, target, None, [0.0, structure], &mut utility)?;
+            sum += self.compare(Which::Behind, seen, target, Counted::All, [1.0, 0.0], &mut main)?;
+            sum += self.compare(Which::Behind, seen, target, Counted::All, [0.0, structure], &mut utility)?;
         }
         if let Some(depth) = seen.behind.depth.filter(|_| self.settings.front_smoothness > 0.0) {
             let of = DepthAndPhoto { size, depth, photo: target.colour };
@@ -168,13 +186,13 @@ impl Costs {
     }
 
     /// `weights[0] mean g |x - y| + weights[1] mean g (1 - SSIM)` of one of the pictures; of those pixels only that
-    /// `weigh` says, where it says anything.
+    /// are `counted`.
     fn compare(
         &mut self,
         which: Which,
         seen: &Seen<'_>,
         target: &TargetPicture<'_>,
-        weigh: Option<Weigh>,
+        counted: Counted,
         weights: [f32; 2],
         bars: &mut CostBars,
     ) -> Result<f64, LossError> {
@@ -189,12 +207,13 @@ impl Costs {
         }
         self.planes_bar.clear();
         self.planes_bar.resize(3 * n, 0.0);
-        let weights_of_pixels = match weigh {
-            None => target.weights,
-            Some(weigh) => {
-                let counted = |(i, pixel): (usize, &Composed)| weigh.of(pixel) * target.weights.map_or(1.0, |w| w[i]);
+        let weights_of_pixels = match counted {
+            Counted::All => target.weights,
+            Counted::Likely => {
+                let weight =
+                    |(i, pixel): (usize, &Composed)| likely(which, pixel) * target.weights.map_or(1.0, |w| w[i]);
                 self.weights.clear();
-                self.weights.extend(seen.composed.iter().enumerate().map(counted));
+                self.weights.extend(seen.composed.iter().enumerate().map(weight));
                 Some(&self.weights[..])
             }
         };
@@ -212,6 +231,50 @@ impl Costs {
             bars.composed.iter_mut().zip(plane).for_each(|(pixel, bar)| which.bar(pixel)[c] += bar);
         }
         Ok(bar * loss)
+    }
+
+    /// `sum_e mean 1[P_e > 0.51] |C_e - I|`: each cloud learns what it has. The share has the gradient of `(1 - P_f) |C_b - I|`: the
+    /// front has what the cloud behind is far from.
+    fn apart(&mut self, seen: &Seen<'_>, target: &TargetPicture<'_>, bars: &mut CostBars) -> Result<f64, LossError> {
+        let mut sum = self.compare(Which::Front, seen, target, Counted::Likely, [1.0, 0.0], bars)?;
+        sum += self.compare(Which::Behind, seen, target, Counted::Likely, [1.0, 0.0], bars)?;
+        let n = seen.composed.len();
+        for (i, (pixel, bar)) in seen.composed.iter().zip(&mut bars.composed).enumerate() {
+            let counts = target.weights.map_or(1.0, |w| w[i]);
+            let off: f32 = (0..3).map(|c| (pixel.behind[c] - target.colour[c * n + i]).abs()).sum();
+            bar.share -= counts * off / (3 * n) as f32;
+        }
+        Ok(sum)
+    }
+
+    /// What is in front should not have the structure of what is behind.
+    fn divergence(
+        &mut self,
+        seen: &Seen<'_>,
+        target: &TargetPicture<'_>,
+        bars: &mut CostBars,
+    ) -> Result<f64, LossError> {
+        let (n, weight) = (seen.composed.len(), self.settings.front_divergence);
+        if weight <= 0.0 || n == 0 {
+            return Ok(0.0);
+        }
+        let planes = |of: Which| -> Vec<f32> {
+            (0..3).flat_map(|c| seen.composed.iter().map(move |pixel| of.of(pixel)[c])).collect()
+        };
+        let [x, y] = [planes(Which::Front), planes(Which::Behind)];
+        let counted =
+            |(i, pixel): (usize, &Composed)| likely(Which::Front, pixel) * target.weights.map_or(1.0, |w| w[i]);
+        let weights: Vec<f32> = seen.composed.iter().enumerate().map(counted).collect();
+        let of = Pictures { size: seen.behind.size, x: &x, y: &y, weights: Some(&weights) };
+        let mut both = [vec![0.0; 3 * n], vec![0.0; 3 * n]];
+        let [x_bar, y_bar] = &mut both;
+        let likeness = structure_backward(&of, weight, x_bar, y_bar)?;
+        for (which, planes) in [Which::Front, Which::Behind].into_iter().zip(&both) {
+            for (c, plane) in planes.chunks_exact(n).enumerate() {
+                bars.composed.iter_mut().zip(plane).for_each(|(pixel, bar)| which.bar(pixel)[c] += bar);
+            }
+        }
+        Ok(weight * likeness)
     }
 
     /// What is in front should not lie behind.
@@ -249,7 +312,7 @@ impl Costs {
         let entropy = if at < CLEAR_FROM { 0.0 } else { self.settings.front_entropy / n };
         let grown = ((at - BRIGHTNESS_FROM) / (1.0 - BRIGHTNESS_FROM)).max(0.0) * self.settings.front_brightness;
         let brightness = FREE_BRIGHTNESS.max(grown) / n;
-        let sparsity = self.settings.front_sparsity / n;
+        let sparsity = self.settings.sparsity(at) / n;
         let mut sum = 0.0;
         for (i, (pixel, bar)) in seen.composed.iter().zip(&mut bars.composed).enumerate() {
             let counts = target.weights.map_or(1.0, |w| f64::from(w[i]));
@@ -264,17 +327,13 @@ impl Costs {
     }
 }
 
-/// Which pixels count: those whose share of the front is in a range.
-struct Weigh {
-    above: f32,
-    below: f32,
-}
-
-impl Weigh {
-    const FRONT: Self = Self { above: LIKELY, below: f32::INFINITY };
-    const BEHIND: Self = Self { above: f32::NEG_INFINITY, below: 1.0 - LIKELY };
-
-    fn of(&self, pixel: &Composed) -> f32 {
-        if pixel.share > self.above && pixel.share < self.below { 1.0 } else { 0.0 }
-    }
+/// How much a pixel counts of what one cloud alone costs: 1 where it is most likely the cloud's. Not its share: steps of Adam are as long
+/// for a hundredth of a gradient.
+fn likely(which: Which, pixel: &Composed) -> f32 {
+    let own = match which {
+        Which::Both => 1.0,
+        Which::Front => pixel.share,
+        Which::Behind => 1.0 - pixel.share,
+    };
+    f32::from(u8::from(own > LIKELY))
 }

@@ -10,7 +10,7 @@ use crate::views::{
 };
 use float_core::Simd;
 use rayon::prelude::*;
-use splat_core::Gaussians;
+use splat_core::{Gaussians, View};
 
 /// Colour and depth of the cloud behind; those and masks of the one in front.
 const BEHIND: PlaneLayout = PlaneLayout { depth: true, extras: 0, plain: false };
@@ -32,6 +32,21 @@ impl TwoLayers {
     pub(crate) fn new(settings: LayerSettings, horizon: u64) -> Self {
         Self { settings, horizon }
     }
+
+    /// The mask of a row.
+    fn mask(&self, row: usize, extra: f32) -> f32 {
+        let first = if self.settings.front_at_camera { CLEAR_AT_FIRST } else { MASKS_AT_FIRST };
+        sigmoid(first[row] + extra)
+    }
+
+    /// The view as the cloud in front has it: where that goes with the camera, the camera stands at the origin.
+    fn of_front(&self, view: &View) -> View {
+        if self.settings.front_at_camera {
+            View { r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], t: [0.0; 3], ..*view }
+        } else {
+            *view
+        }
+    }
 }
 
 fn sigmoid(x: f32) -> f32 {
@@ -40,11 +55,8 @@ fn sigmoid(x: f32) -> f32 {
 
 /// Logits of the masks of a Gaussian whose rows are 0: what is in front begins as opaque as its Gaussians, nearly.
 const MASKS_AT_FIRST: [f32; MASK_ROWS] = [2.0, -2.0, 0.0];
-
-/// The mask of a row.
-fn mask(row: usize, extra: f32) -> f32 {
-    sigmoid(MASKS_AT_FIRST[row] + extra)
-}
+/// The same where it goes with the camera: as clear, whatever its Gaussians are.
+const CLEAR_AT_FIRST: [f32; MASK_ROWS] = [-2.0, 2.0, 0.0];
 
 impl CloudLayers for TwoLayers {
     fn pass(&self, simd: Simd) -> Box<dyn PicturePass> {
@@ -57,11 +69,12 @@ impl CloudLayers for TwoLayers {
             composed: Vec::new(),
             colour: Vec::new(),
             uv: Vec::new(),
+            uses: Vec::new(),
         })
     }
 
     fn masks(&self, extra: &[f32], n: usize, i: usize) -> [f32; 3] {
-        [0, 1, 2].map(|row| mask(row, extra[row * n + i]))
+        [0, 1, 2].map(|row| self.mask(row, extra[row * n + i]))
     }
 
     fn pixel(&self, front: &FrontSeen, behind: [f32; 3]) -> ([f32; 3], f32) {
@@ -94,6 +107,8 @@ struct LayeredPass {
     /// `[3][pixels]`
     colour: Vec<f32>,
     uv: Vec<[f32; 2]>,
+    /// `[n]`, what the last photo needs of each Gaussian in front, where that is counted.
+    uses: Vec<f32>,
 }
 
 impl LayeredPass {
@@ -112,6 +127,21 @@ impl LayeredPass {
         }
     }
 
+    /// What the photo needs of each Gaussian in front: `o m_f / (m_f + m_b + 1e-6)` of those that it shows.
+    fn count_uses(&mut self, front: &DrawnCloud<'_>, begun: bool) {
+        self.uses.clear();
+        if self.layers.settings.front_prune <= 0.0 {
+            return;
+        }
+        let n = front.gaussians.len();
+        self.uses.resize(n, 0.0);
+        for seen in self.front.seen(0).gaussians.iter().filter(|_| begun) {
+            let i = seen.index as usize;
+            let [own, behind] = [0, 1].map(|row| front.extra[row * n + i]);
+            self.uses[i] = sigmoid(front.gaussians.logit[i]) * own / (own + behind + 1e-6);
+        }
+    }
+
     /// Take a part of the cost's gradient back to the planes of both clouds, and from there to features and places on the picture.
     fn raster_backward(
         &mut self,
@@ -121,6 +151,7 @@ impl LayeredPass {
         begun: bool,
     ) -> Result<(), PassError> {
         let size = camera.view.size;
+        let of_front = self.layers.of_front(camera.view);
         let n = size[0] * size[1];
         let shades = self.layers.settings.front_shades;
         let pixels: Vec<PixelBars> = {
@@ -149,7 +180,7 @@ impl LayeredPass {
             let own = bars.front_transmittance.iter().zip(&pixels);
             let transmittance = planes.transmittance();
             transmittance.iter_mut().zip(own).for_each(|(bar, (own, pixel))| *bar = own + pixel.front.transmittance);
-            self.front.raster_backward(&over_nothing(camera), parts.view_space)?;
+            self.front.raster_backward(&over_nothing(camera, &of_front), parts.view_space)?;
         }
         Ok(())
     }
@@ -167,16 +198,19 @@ impl PicturePass for LayeredPass {
         let &[behind, front] = clouds else { return Ok(Outcome::default()) };
         let at = parts.step as f64 / self.layers.horizon.max(1) as f64;
         let begun = at >= self.layers.settings.front_from && !front.gaussians.is_empty();
+        let view_of_front = self.layers.of_front(camera.view);
+        let camera_of_front = over_nothing(camera, &view_of_front);
         let behind = [DrawnCloud { index: 0, ..behind }];
         let mut drawn = self.behind.draw(&behind, camera, None)?;
         self.masks.clear();
         let rows = front.extra.chunks_exact(front.gaussians.len().max(1)).enumerate();
-        self.masks.extend(rows.flat_map(|(row, extra)| extra.iter().map(move |&extra| mask(row, extra))));
+        let layers = self.layers;
+        self.masks.extend(rows.flat_map(|(row, extra)| extra.iter().map(move |&extra| layers.mask(row, extra))));
         // Its buffers stay with the pass.
         let masks = std::mem::take(&mut self.masks);
         let front = [DrawnCloud { index: 0, extra: &masks, composited: MASK_ROWS, ..front }];
         if begun {
-            drawn.pairs += self.front.draw(&front, &over_nothing(camera), None)?.pairs;
+            drawn.pairs += self.front.draw(&front, &camera_of_front, None)?.pairs;
         }
         let size = camera.view.size;
         self.compose(size, begun);
@@ -209,12 +243,14 @@ impl PicturePass for LayeredPass {
         )?;
         of_front.extra.fill(0.0);
         if begun {
-            let camera_bar = parts.camera.as_deref_mut();
-            self.front.projection_backward(&front, camera, camera_bar, std::slice::from_mut(of_front))?;
+            // What goes with the camera says nothing of where that is.
+            let camera_bar = parts.camera.as_deref_mut().filter(|_| !self.layers.settings.front_at_camera);
+            self.front.projection_backward(&front, &camera_of_front, camera_bar, std::slice::from_mut(of_front))?;
             of_front.extra.iter_mut().zip(&masks).for_each(|(bar, mask)| *bar *= mask * (1.0 - mask));
         } else {
             of_front.gaussians.fields_mut().into_iter().for_each(|(_, values)| values.fill(0.0));
         }
+        self.count_uses(&front[0], begun);
         self.masks = masks;
         self.behind.add_seconds(parts.seconds);
         self.front.add_seconds(parts.seconds);
@@ -223,6 +259,10 @@ impl PicturePass for LayeredPass {
 
     fn seen(&self, index: usize) -> SeenGaussians<'_> {
         if index == 0 { self.behind.seen(0) } else { self.front.seen(0) }
+    }
+
+    fn uses(&self, index: usize) -> &[f32] {
+        if index == 0 { &[] } else { &self.uses }
     }
 
     fn colour(&self) -> &[f32] {
@@ -250,7 +290,7 @@ fn front_pixel(front: Option<&RenderedPicture<'_>>, i: usize, n: usize) -> Front
     }
 }
 
-/// The camera with nothing behind its picture.
-fn over_nothing<'a>(camera: &StepCamera<'a>) -> StepCamera<'a> {
-    StepCamera { background: [0.0; 3], ..*camera }
+/// The camera as the cloud in front is drawn with it: by `view`, with nothing behind its picture.
+fn over_nothing<'a>(camera: &StepCamera<'a>, view: &'a View) -> StepCamera<'a> {
+    StepCamera { view, background: [0.0; 3], ..*camera }
 }

@@ -93,17 +93,22 @@ fn where_nothing_is_in_front_all_is_behind() {
     assert!(seen.share > 0.999 && (seen.colour[0] - 0.3).abs() < 1e-3, "{seen:?}");
 }
 
-const SETTINGS: LayerSettings = LayerSettings {
+pub(super) const SETTINGS: LayerSettings = LayerSettings {
     front_from: 0.1,
+    front_at_camera: false,
+    front_apart: false,
     front_shades: true,
     front_mask_lr: 0.05,
     front_structure: 0.2,
     front_each: 0.25,
+    front_divergence: 0.1,
     front_entropy: 0.05,
     front_sparsity: 0.05,
+    front_sparsity_start: 0.02,
     front_separation: 0.1,
     front_smoothness: 0.05,
     front_brightness: 0.2,
+    front_prune: 0.0,
 };
 const SIZE: [usize; 2] = [28, 24];
 const HORIZON: u64 = 100;
@@ -131,10 +136,16 @@ struct Said {
     gradients: [CloudParameters; 2],
     /// Of each cloud, what the density control is given.
     uv: [Vec<[f32; 2]>; 2],
+    /// What it needs of each Gaussian in front.
+    uses: Vec<f32>,
 }
 
 fn step(settings: LayerSettings, clouds: &[CloudParameters; 2], step: u64) -> Said {
-    let view = View::at_origin(SIZE);
+    step_from(&View::at_origin(SIZE), settings, clouds, step)
+}
+
+/// The same of a camera.
+fn step_from(view: &View, settings: LayerSettings, clouds: &[CloudParameters; 2], step: u64) -> Said {
     let mut photo = vec![0.0; 3 * SIZE[0] * SIZE[1]];
     Rng::new(3, 3).fill_uniform(0, &mut photo);
     let mut pass = TwoLayers::new(settings, HORIZON).pass(Simd::best());
@@ -145,7 +156,7 @@ fn step(settings: LayerSettings, clouds: &[CloudParameters; 2], step: u64) -> Sa
         composited: 0,
         degree: 1,
     });
-    let camera = StepCamera { view: &view, settings: &RasterSettings::DEFAULT, background: [0.3, 0.6, 0.2] };
+    let camera = StepCamera { view, settings: &RasterSettings::DEFAULT, background: [0.3, 0.6, 0.2] };
     let target = TargetPicture { view: 0, colour: &photo, weights: None };
     let mut parts = LossParts {
         terms: &mut [],
@@ -160,7 +171,7 @@ fn step(settings: LayerSettings, clouds: &[CloudParameters; 2], step: u64) -> Sa
     let mut gradients = clouds.clone();
     let loss = pass.run(&drawn, &camera, &target, &mut parts, &mut gradients).unwrap().loss;
     let uv = [0, 1].map(|index| pass.seen(index).uv.to_vec());
-    Said { loss, gradients, uv }
+    Said { loss, gradients, uv, uses: pass.uses(1).to_vec() }
 }
 
 /// The fields of a cloud and its extra rows.
@@ -175,12 +186,16 @@ fn the_gradient_of_a_step_is_that_of_differences_in_every_kind_of_parameter() {
     // to be of the other cloud, which no gradient knows.
     const STEPS: [f32; 5] = [1e-3, 6e-4, 3e-4, 2e-4, 1e-4];
     let clouds = [cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, MASK_ROWS)];
-    for (settings, at) in
-        [(SETTINGS, 80), (SETTINGS, 5), (LayerSettings { front_each: 0.0, front_shades: false, ..SETTINGS }, 30)]
-    {
+    let plain = LayerSettings { front_each: 0.0, front_shades: false, ..SETTINGS };
+    let apart = LayerSettings { front_apart: true, ..SETTINGS };
+    for (settings, at) in [(SETTINGS, 80), (SETTINGS, 5), (plain, 30), (apart, 80)] {
         let said = step(settings, &clouds, at);
         for index in 0..2 {
             for kind in 0..7 {
+                // What the front shows says nothing of how much it should have: that has another gradient than the cost.
+                if settings.front_apart && index == 1 && !(4..6).contains(&kind) {
+                    continue;
+                }
                 let mut gradient = said.gradients[index].clone();
                 let gradient = fields(&mut gradient).remove(kind).to_vec();
                 let way: Vec<f32> = gradient.iter().map(|g| if *g < 0.0 { -1.0 } else { 1.0 }).collect();
@@ -216,6 +231,51 @@ fn the_utility_part_changes_gradients_and_not_where_gaussians_come() {
     assert!(a.gradients != b.gradients && a.loss < b.loss);
     let main = LayerSettings { front_separation: 1.0, front_smoothness: 1.0, ..SETTINGS };
     assert!(step(main, &clouds, 80).uv != a.uv);
+}
+
+#[test]
+fn clouds_that_are_compared_apart_share_pixels_by_how_far_the_one_behind_is_off() {
+    let clouds = [cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, MASK_ROWS)];
+    let only = LayerSettings {
+        front_apart: true,
+        front_structure: 0.0,
+        front_each: 0.0,
+        front_divergence: 0.0,
+        front_entropy: 0.0,
+        front_sparsity: 0.0,
+        front_sparsity_start: 0.0,
+        front_separation: 0.0,
+        front_brightness: 0.0,
+        ..SETTINGS
+    };
+    let own = |settings| step(settings, &clouds, 80).gradients[1].extra[..12].iter().sum::<f32>();
+    // It is off everywhere, by less than 1: masks grow where that is free, and fade where it costs as much.
+    let [free, dear] = [0.0, 1.0].map(|front_sparsity| own(LayerSettings { front_sparsity, ..only }));
+    assert!(free < 0.0 && dear > 0.0, "{free} {dear}");
+    // Whatever the front shows.
+    let mut other = clouds.clone();
+    other[1].gaussians.dc.iter_mut().for_each(|dc| *dc = -*dc);
+    let masks = |clouds: &[CloudParameters; 2]| step(only, clouds, 80).gradients[1].extra.clone();
+    let alike = masks(&clouds).iter().zip(&masks(&other)).all(|(a, b)| (a - b).abs() < 1e-6);
+    assert!(alike);
+}
+
+#[test]
+fn what_goes_with_the_camera_is_the_same_from_everywhere_and_what_is_transparent_is_not_needed() {
+    let mut front = cloud(12, 2.0, 2, MASK_ROWS);
+    front.gaussians.logit[3] = -20.0;
+    front.extra[5] = -20.0;
+    let clouds = [CloudParameters::new(Gaussians::new(0, 1).unwrap(), 0), front];
+    let settings = LayerSettings { front_at_camera: true, front_prune: 1e-3, ..SETTINGS };
+    let here = step(settings, &clouds, 80);
+    let there =
+        View { r: [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], t: [3.0, 1.0, -7.0], ..View::at_origin(SIZE) };
+    let seen = step_from(&there, settings, &clouds, 80);
+    assert_eq!((seen.loss, &seen.gradients[1]), (here.loss, &here.gradients[1]));
+    assert_ne!(step_from(&there, SETTINGS, &clouds, 80).loss, here.loss);
+    assert!(here.uses[3] < 1e-3 && here.uses[5] < 1e-3 && here.uses.iter().filter(|u| **u > 1e-3).count() > 3);
+    assert!(step(SETTINGS, &clouds, 80).uses.is_empty(), "nothing is counted where none are dropped");
+    assert!(step(settings, &clouds, 5).uses.iter().all(|u| *u == 0.0), "it has not begun");
 }
 
 #[test]

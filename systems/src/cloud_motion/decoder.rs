@@ -20,6 +20,9 @@ const ADAM: AdamConfig = AdamConfig::DEFAULT.with_eps(1e-15);
 /// Name in checkpoints.
 const NAME: &str = "motion.networks";
 
+/// Layers of the network of extra rows.
+const LAYERS_OF_EXTRA: usize = 2;
+
 /// The networks, and their optimiser.
 pub(super) struct Decoder {
     trunk: RowNetwork,
@@ -30,7 +33,8 @@ pub(super) struct Decoder {
 /// The network of one kind of offset.
 struct Head {
     network: RowNetwork,
-    field: Field,
+    /// `None`: the extra rows.
+    field: Option<Field>,
     rows: Range<usize>,
 }
 
@@ -50,7 +54,7 @@ pub(super) type PackedGradients = Vec<Vec<f32>>;
 
 impl Decoder {
     /// For `features` rows of features: networks of `width` units with `layers` shared layers besides the first, that move `fields` of a
-    /// cloud of spherical harmonics of `degree`.
+    /// cloud of spherical harmonics of `degree`, and its `extra` rows: by a network with a layer more.
     ///
     /// # Errors
     /// [`SystemError::Config`] for networks that cannot be.
@@ -60,6 +64,7 @@ impl Decoder {
         layers: usize,
         fields: &[Field],
         degree: usize,
+        extra: usize,
         rng: Rng,
     ) -> Result<Self, SystemError> {
         let refused = |e: &dyn std::fmt::Display| SystemError::Config {
@@ -74,13 +79,15 @@ impl Decoder {
         let of_one =
             |field: Field| one.fields().iter().find(|(name, _)| *name == field).map_or(0, |(_, row)| row.len());
         let (mut heads, mut first) = (Vec::new(), 0);
-        for (k, &field) in fields.iter().enumerate() {
-            let rows = first..first + of_one(field);
+        let each = fields.iter().map(|&field| (Some(field), of_one(field))).chain([(None, extra)]);
+        for (k, (field, count)) in each.enumerate() {
+            let rows = first..first + count;
             if rows.is_empty() {
                 continue;
             }
             first = rows.end;
-            let config = MlpConfig::new(width, vec![width], rows.len());
+            let layers = if field.is_some() { 1 } else { LAYERS_OF_EXTRA };
+            let config = MlpConfig::new(width, vec![width; layers], rows.len());
             let network =
                 RowNetwork::new(&config, rng.substream(k as u64 + 1), &mut params).map_err(|e| refused(&e))?;
             network.begin_at_zero(&mut params);
@@ -93,7 +100,12 @@ impl Decoder {
 
     /// Which parameters of a Gaussian have offsets, and which rows of the output these are.
     pub(super) fn fields(&self) -> impl Iterator<Item = (Field, Range<usize>)> + '_ {
-        self.heads.iter().map(|head| (head.field, head.rows.clone()))
+        self.heads.iter().filter_map(|head| Some((head.field?, head.rows.clone())))
+    }
+
+    /// Which rows of the output are offsets of extra rows.
+    pub(super) fn extra(&self) -> Range<usize> {
+        self.heads.last().filter(|head| head.field.is_none()).map_or(0..0, |head| head.rows.clone())
     }
 
     /// Rows of the output.

@@ -6,6 +6,7 @@ use super::decoder::{Decoder, DecoderScratch, PackedGradients};
 use super::settings::MotionSettings;
 use super::unit_box::UnitBox;
 use crate::buffers::sized;
+use crate::cloud_layers::MASK_ROWS;
 use crate::fields::{Detail, Features, Names, Part, Places};
 use crate::schedule::Done;
 use crate::views::{CloudMotion, CloudParameters, Learns};
@@ -14,6 +15,7 @@ use field_core::rng::Rng;
 use float_core::Simd;
 use rayon::prelude::*;
 use splat_core::{Field, Gaussians};
+use std::ops::Range;
 
 /// Gaussians per task.
 const CHUNK: usize = 1024;
@@ -93,7 +95,8 @@ impl DeformationField {
         fields.extend(settings.motion_colour.then_some([Field::Dc, Field::Rest]).into_iter().flatten());
         let MotionSettings { motion_width, motion_layers, .. } = settings;
         let rng = Rng::new(seed, STREAM);
-        let decoder = Decoder::new(features.rows(), motion_width, motion_layers, &fields, degree, rng)?;
+        let masks = if settings.motion_masks { MASK_ROWS } else { 0 };
+        let decoder = Decoder::new(features.rows(), motion_width, motion_layers, &fields, degree, masks, rng)?;
         let simd = Simd::best();
         Ok(Self { settings, horizon, cloud, cube, features, decoder, simd, done: 0, held: Vec::new() })
     }
@@ -199,13 +202,14 @@ impl DeformationField {
     }
 
     /// The Gaussians whose parameters at the time have a gradient: what a photo does not show teaches nothing.
-    fn taught(&self, bar: &Gaussians) -> Vec<u32> {
+    fn taught(&self, bar: &CloudParameters) -> Vec<u32> {
         let n = bar.len();
-        let fields = bar.fields();
+        let fields = bar.gaussians.fields();
         let moved: Vec<&[f32]> = self
             .decoder
             .fields()
             .filter_map(|(field, _)| Some(fields.iter().find(|(name, _)| *name == field)?.1))
+            .chain((!self.decoder.extra().is_empty()).then_some(&bar.extra[..]))
             .collect();
         (0..n as u32)
             .into_par_iter()
@@ -214,15 +218,19 @@ impl DeformationField {
     }
 
     /// The gradient with respect to the offsets of Gaussians `rows`, `[rows][n]`.
-    fn offsets_bar(&self, bar: &Gaussians, rows: &[u32]) -> Vec<f32> {
+    fn offsets_bar(&self, bar: &CloudParameters, rows: &[u32]) -> Vec<f32> {
         let n = bar.len();
-        let fields = bar.fields();
+        let fields = bar.gaussians.fields();
         let mut out = Vec::with_capacity(self.decoder.rows() * rows.len());
         for (field, _) in self.decoder.fields() {
             let values = fields.iter().find(|(name, _)| *name == field).map_or(&[][..], |(_, values)| values);
             for row in values.chunks_exact(n.max(1)) {
                 out.extend(rows.iter().map(|&i| row[i as usize]));
             }
+        }
+        // A cloud that has no extra rows learns nothing of them.
+        for k in 0..self.decoder.extra().len() {
+            out.extend(rows.iter().map(|&i| bar.extra.get(k * n + i as usize).copied().unwrap_or(0.0)));
         }
         out
     }
@@ -242,16 +250,20 @@ impl CloudMotion for DeformationField {
                 self.offsets(&self.chunk(&canonical.gaussians, rows, time), scratch)
             })
             .collect();
-        let mut fields = at.gaussians.fields_mut();
-        for (field, rows) in self.decoder.fields() {
-            let Some((_, values)) = fields.iter_mut().find(|(name, _)| *name == field) else { continue };
+        let add = |rows: Range<usize>, values: &mut [f32]| {
             for (row, values) in rows.zip(values.chunks_exact_mut(n)) {
                 for (chunk, values) in chunks.iter().zip(values.chunks_mut(CHUNK)) {
                     let offsets = &chunk[row * values.len()..][..values.len()];
                     values.iter_mut().zip(offsets).for_each(|(value, offset)| *value += offset);
                 }
             }
+        };
+        let mut fields = at.gaussians.fields_mut();
+        for (field, rows) in self.decoder.fields() {
+            let Some((_, values)) = fields.iter_mut().find(|(name, _)| *name == field) else { continue };
+            add(rows, values);
         }
+        add(self.decoder.extra(), &mut at.extra);
         at
     }
 
@@ -259,13 +271,13 @@ impl CloudMotion for DeformationField {
         if !self.moves(index) {
             return;
         }
-        let taught = self.taught(&bar.gaussians);
+        let taught = self.taught(bar);
         let held: Vec<Held> = taught
             .par_chunks(CHUNK)
             .map_init(Scratch::default, |scratch, rows| {
                 let cloud = &canonical.gaussians;
                 let chunk = self.chunk(cloud, rows.iter().map(|&i| i as usize), time);
-                let mut offsets_bar = self.offsets_bar(&bar.gaussians, rows);
+                let mut offsets_bar = self.offsets_bar(bar, rows);
                 self.cohere(cloud, rows, &chunk, taught.len(), &mut offsets_bar, scratch);
                 self.backward(chunk, &offsets_bar, scratch)
             })

@@ -26,6 +26,8 @@ pub(crate) struct MotionSettings {
     pub(crate) motion_opacity: bool,
     /// Colours change, too.
     pub(crate) motion_colour: bool,
+    /// Masks of a cloud in front change, too.
+    pub(crate) motion_masks: bool,
     /// Learning rate of the networks where motion begins.
     pub(crate) motion_lr: f64,
     /// Learning rate of the networks at the end of the schedule.

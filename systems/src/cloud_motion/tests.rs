@@ -26,6 +26,8 @@ const TIME: f64 = 0.37;
 const PAIRS: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 /// The rows of each field that moves, in the order of the offsets.
 const ROWS: [usize; 6] = [3, 3, 4, 1, 3, 3 * rest_len(DEGREE)];
+/// Those of the masks, behind them.
+const MASKS: usize = 3;
 
 const SETTINGS: MotionSettings = MotionSettings {
     motion_from: 0.0,
@@ -33,6 +35,7 @@ const SETTINGS: MotionSettings = MotionSettings {
     motion_layers: 1,
     motion_opacity: true,
     motion_colour: true,
+    motion_masks: true,
     motion_lr: 1e-2,
     motion_lr_end: 1e-3,
     motion_feature_lr: 1e-2,
@@ -83,7 +86,15 @@ fn cloud() -> CloudParameters {
         Rng::new(2, k).fill_uniform(0, values);
         values.iter_mut().for_each(|x| *x = 1.6 * (*x - 0.5));
     }
-    CloudParameters::new(cloud, 0)
+    let mut cloud = CloudParameters::new(cloud, MASKS);
+    Rng::new(2, 99).fill_uniform(0, &mut cloud.extra);
+    cloud
+}
+
+/// All parameters of a cloud, field after field, the masks last.
+fn all(cloud: &CloudParameters) -> Vec<f64> {
+    let fields = cloud.gaussians.fields();
+    fields.iter().flat_map(|(_, values)| wide(values)).chain(wide(&cloud.extra)).collect()
 }
 
 fn map(tensors: Vec<Tensor<'_>>) -> TensorMap {
@@ -106,7 +117,7 @@ struct Twin {
 impl Twin {
     fn of(field: &DeformationField, cloud: &CloudParameters) -> Self {
         Self {
-            cloud: cloud.gaussians.fields().iter().flat_map(|(_, values)| wide(values)).collect(),
+            cloud: all(cloud),
             table: wide(field.features().parameters()),
             networks: wide(field.decoder().parameters()),
         }
@@ -140,8 +151,11 @@ impl Twin {
             let hidden: Vec<f64> =
                 trunk.forward(&self.networks[..shared], &features).into_iter().map(|h| h.max(0.0)).collect();
             let (mut from, mut row) = (shared, 0);
-            for rows in ROWS {
-                let head = Network { widths: &[WIDTH, WIDTH, rows], skips: &[], bias: Bias::Each };
+            for rows in ROWS.into_iter().chain([MASKS]) {
+                // That of the masks is a layer deeper.
+                let deeper = [WIDTH, WIDTH, WIDTH, rows];
+                let widths = if row == ROWS.iter().sum::<usize>() { &deeper[..] } else { &deeper[1..] };
+                let head = Network { widths, skips: &[], bias: Bias::Each };
                 let params = &self.networks[from..][..head.param_count()];
                 for offset in head.forward(params, &hidden) {
                     out[row * N + i] += offset;
@@ -175,7 +189,7 @@ fn a_moved_cloud_and_its_gradient_are_those_of_the_definition() {
     let (mut field, cloud) = (busy(SETTINGS), cloud());
     let twin = Twin::of(&field, &cloud);
     let moved = field.cloud_at(TIME, 0, &cloud);
-    let got: Vec<f64> = moved.gaussians.fields().iter().flat_map(|(_, values)| wide(values)).collect();
+    let got = all(&moved);
     for (got, want) in got.iter().zip(twin.moved()) {
         assert!((got - want).abs() < 1e-5 * (1.0 + want.abs()), "{got} {want}");
     }
@@ -184,9 +198,10 @@ fn a_moved_cloud_and_its_gradient_are_those_of_the_definition() {
     for (k, (_, values)) in (0..).zip(bar.gaussians.fields_mut()) {
         Rng::new(8, k).fill_uniform(0, values);
     }
-    let weights: Vec<f64> = bar.gaussians.fields().iter().flat_map(|(_, values)| wide(values)).collect();
+    Rng::new(8, 99).fill_uniform(0, &mut bar.extra);
+    let weights = all(&bar);
     field.pull_back(TIME, 0, &cloud, &mut bar);
-    let of_cloud: Vec<f64> = bar.gaussians.fields().iter().flat_map(|(_, values)| wide(values)).collect();
+    let of_cloud = all(&bar);
     let (table, networks) = field.gradients();
     for (name, error) in [
         ("cloud", worst(&twin, &weights, &of_cloud, |twin| &mut twin.cloud)),
@@ -334,4 +349,18 @@ fn what_cannot_work_is_refused_by_its_name() {
     let alone = field(MotionSettings { motion_opacity: false, motion_colour: false, ..SETTINGS });
     let moved: Vec<Field> = alone.decoder().fields().map(|(field, _)| field).collect();
     assert_eq!(moved, [Field::Mean, Field::LogScale, Field::Wxyz]);
+}
+
+#[test]
+fn a_cloud_without_masks_moves_as_without_the_network_of_them() {
+    let mut field = busy(SETTINGS);
+    let mut without = cloud();
+    (without.rows, without.extra) = (0, Vec::new());
+    let (moved, with) = (field.cloud_at(TIME, 0, &without), field.cloud_at(TIME, 0, &cloud()));
+    assert_eq!((moved.gaussians, moved.extra.len()), (with.gaussians, 0));
+    let mut bar = without.clone();
+    field.pull_back(TIME, 0, &without, &mut bar);
+    assert!(bar.gaussians.mean.iter().all(|g| g.is_finite()) && bar.extra.is_empty());
+    let still = self::field(MotionSettings { motion_masks: false, ..SETTINGS });
+    assert_eq!(still.cloud_at(TIME, 0, &cloud()).extra, cloud().extra);
 }

@@ -6,6 +6,7 @@ use super::density_control::{Change, ChangeTime, DensityControl, DensityRules};
 use super::drawing::{DrawnCloud, SeenGaussians};
 use super::memory;
 use super::optimiser::Optimiser;
+use super::uses::{UsePruning, Uses};
 use engine::system::{SystemError, Tensor, TensorData, TensorMap, f32_tensor, take_numbers};
 use float_core::Simd;
 use splat_core::density::{Rows, morton_order};
@@ -19,6 +20,8 @@ pub(crate) struct CloudTraining {
     pub(crate) density: DensityRules,
     /// Rows beyond those of every Gaussian.
     pub(crate) extra: ExtraRows,
+    /// When those are dropped that no photo needs.
+    pub(crate) pruning: UsePruning,
 }
 
 /// A cloud that is trained.
@@ -31,6 +34,7 @@ pub(crate) struct TrainedCloud {
     pub(crate) gradient: CloudParameters,
     optimiser: Optimiser,
     density: DensityControl,
+    uses: Uses,
 }
 
 impl TrainedCloud {
@@ -78,6 +82,7 @@ impl TrainedCloud {
         }
         self.optimiser.follow(&rows, self.parameters.gaussians.degree())?;
         self.density.follow(&rows)?;
+        self.uses.follow(&rows)?;
         self.gradient = self.parameters.clone();
         Ok(())
     }
@@ -86,6 +91,7 @@ impl TrainedCloud {
         Self {
             optimiser: Optimiser::new(&parameters),
             density: DensityControl::new(&training.density, index, parameters.len()),
+            uses: Uses::new(training.pruning, parameters.len()),
             gradient: parameters.clone(),
             training,
             index,
@@ -109,6 +115,11 @@ impl TrainedCloud {
         self.density.see(step, size, seen)
     }
 
+    /// What a photo needs of each Gaussian, `[n]`, where that is counted.
+    pub(crate) fn see_uses(&mut self, uses: &[f32]) {
+        self.uses.see(uses);
+    }
+
     /// What the density control adds to the loss; its gradient is added.
     pub(crate) fn regularise(&mut self) -> Result<f64, SplatError> {
         self.density.regularise(&self.parameters.gaussians, &mut self.gradient.gaussians)
@@ -122,13 +133,14 @@ impl TrainedCloud {
     }
 
     /// Gaussians come and go, and what belongs to them with them. Photos were taken from `cameras`; `floaters` says which rows are left
-    /// without those where nothing is, if any are. Returns whether any came, went or moved to another row.
+    /// without those where nothing is, if any are; photos are shown in turns of `photos`. Returns whether any came, went or moved to another row.
     pub(crate) fn change(
         &mut self,
         seed: u64,
         when: ChangeTime,
         non_finite: usize,
         cameras: &[[f32; 3]],
+        photos: usize,
         floaters: impl FnOnce(&Gaussians) -> Result<Option<Rows>, SplatError>,
     ) -> Result<bool, SplatError> {
         let CloudTraining { cloud, rates, extra, .. } = &self.training;
@@ -141,10 +153,14 @@ impl TrainedCloud {
             cameras,
             size_limit: cloud.size_limit(),
         };
-        let changed = self.density.change(&change, &mut self.parameters.gaussians, floaters)?;
+        // Rows that are no numbers go first, and these are another's then.
+        let left = if non_finite > 0 { None } else { self.uses.left(when.step, when.position, photos)? };
+        let without = |cloud: &Gaussians| left.map_or_else(|| floaters(cloud), |rows| Ok(Some(rows)));
+        let changed = self.density.change(&change, &mut self.parameters.gaussians, without)?;
         if let Some(rows) = &changed.rows {
             self.parameters.follow_extra(rows)?;
             self.optimiser.follow(rows, self.parameters.gaussians.degree())?;
+            self.uses.follow(rows)?;
         }
         if changed.opacity_reset {
             self.optimiser.forget_opacity();
@@ -171,6 +187,7 @@ impl TrainedCloud {
         }
         self.optimiser.push(&prefix, out);
         self.density.push(&prefix, out);
+        out.extend(self.uses.counted().map(|uses| f32_tensor(name(&prefix, USES), uses)));
     }
 
     /// What [`push`](Self::push) wrote for a cloud like this one. The number of Gaussians is that of the arrays.
@@ -196,6 +213,9 @@ impl TrainedCloud {
         let mut new = Self::restored(self.training, self.index, parameters);
         new.optimiser.take(&prefix, state)?;
         new.density.take(&prefix, state, n)?;
+        if new.uses.counted().is_some() {
+            new.uses.put(take_numbers(state, &name(&prefix, USES), n)?);
+        }
         Ok(new)
     }
 
@@ -217,6 +237,8 @@ impl TrainedCloud {
 
 /// Name of the extra rows in checkpoints.
 const EXTRA: &str = "extra";
+/// That of what photos need.
+const USES: &str = "uses";
 
 fn name(prefix: &str, field: &str) -> String {
     format!("splats.{prefix}{field}")

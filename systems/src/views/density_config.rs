@@ -123,6 +123,15 @@ impl DensityRules {
         Self { schedule, control }
     }
 
+    /// The same where opacities do not fade.
+    pub(crate) fn without_fading(self) -> Self {
+        let control = match self.control {
+            ControlConfig::Split(split) => ControlConfig::Split(SplitConfig { opacity_decay: 1.0, ..split }),
+            other => other,
+        };
+        Self { control, ..self }
+    }
+
     /// # Errors
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {

@@ -343,6 +343,7 @@ impl Views {
             let visible = self.pass.seen(index);
             seen += visible.gaussians.len();
             cloud.see(position, view.size, visible).map_err(refused)?;
+            cloud.see_uses(self.pass.uses(index));
             cost += cloud.regularise().map_err(refused)?;
             bad += cloud.learn(self.simd, position);
         }
@@ -380,7 +381,8 @@ impl Views {
             let fades_done =
                 cloud.training.density.fade_every().map_or(steps_done, |every| position.steps_done(step, every));
             let when = ChangeTime { step, position: position.of(step), steps_done, fades_done };
-            let changed = cloud.change(self.parts.seed, when, non_finite, &self.cameras, floaters).map_err(refused)?;
+            let change = cloud.change(self.parts.seed, when, non_finite, &self.cameras, data.len(), floaters);
+            let changed = change.map_err(refused)?;
             let schedule = &cloud.training.density.schedule;
             // Later ones only take floaters away.
             if changed && when.position < schedule.densify_until {

@@ -5,6 +5,7 @@
 //! ```
 
 use super::driver::{Clouds, Views};
+use super::front::Front;
 use engine::neighbours::Neighbours;
 use rayon::prelude::*;
 use splat_core::density::opacity;
@@ -54,9 +55,15 @@ impl Ways {
 }
 
 impl Views {
+    /// Whether anything moves that pictures show.
+    pub(super) fn shows_motion(&self) -> bool {
+        let hidden = self.parts.layers.as_ref().is_some_and(|layers| layers.front == Front::Hidden);
+        self.parts.motion.is_some() && !hidden
+    }
+
     /// As [`System::scene_flow`](engine::system::System::scene_flow).
     pub(super) fn flow_of_points(&self, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
-        if self.parts.motion.is_none() {
+        if !self.shows_motion() {
             out.fill(Some([0.0; 3]));
             return;
         }
@@ -66,7 +73,7 @@ impl Views {
     /// As [`System::canonical`](engine::system::System::canonical): places that are not finite stay.
     pub(super) fn canonical_points(&self, points: &[[f64; 3]], time: f64, out: &mut [[f64; 3]]) {
         out.copy_from_slice(points);
-        if self.parts.motion.is_none() {
+        if !self.shows_motion() {
             return;
         }
         let still: Clouds<'_> = self.parts.clouds.iter().map(|cloud| Cow::Borrowed(&cloud.parameters)).collect();

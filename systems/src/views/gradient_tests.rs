@@ -13,6 +13,7 @@ use super::photo::view;
 use super::planes::{PlaneBars, RenderedPicture};
 use super::smoothing::Smoothing;
 use super::terms::{DepthMap, DepthTerm, L1Dssim, L1DssimConfig, PictureTerm, Structure, TargetPicture};
+use super::uses::UsePruning;
 use super::weights::{PlaneWeight, WeightPlane, nearest};
 use crate::plan::made;
 use engine::data::Dataset;
@@ -224,6 +225,7 @@ fn training(extra: ExtraRows) -> CloudTraining {
             control: ControlConfig::Adc(AdcConfig { densify_gradient: 1.0, reset_every: 0, prune_size: 0.0 }),
         },
         extra,
+        pruning: UsePruning::default(),
     }
 }
 

@@ -9,7 +9,7 @@
 //! | what a picture costs | `terms` |
 //! | appearance of photos, and time; where points go | `hooks`, `flow` |
 //! | the appearance of other photos; a cloud in one appearance | `appearance_fit`, `appearance_bake` |
-//! | what photos show besides the scene | `surveys` |
+//! | what photos show besides the scene; Gaussians that none of them needs | `surveys`, `uses` |
 //! | where a training is in its schedule | the room `schedule` |
 //! | pictures: drawn for a step, and rendered | `drawing`, `planes`, `pass`, `render` |
 //!
@@ -66,6 +66,7 @@ mod terms;
 mod tests;
 mod turn;
 mod undistortion;
+mod uses;
 mod visual_hull;
 #[cfg_attr(not(test), allow(dead_code, reason = "parts that no published system is made of yet"))]
 mod weights;
@@ -93,5 +94,6 @@ pub(crate) use render::{CloudRenderer, RAY_RADIUS, RenderBuffers, one_pixel};
 pub(crate) use sample_places::SamplePlaces;
 pub(crate) use terms::{DepthShapeTerm, L1Dssim, L1DssimConfig, Nearness, PictureTerm, Structure, TargetPicture};
 pub(crate) use undistortion::source;
+pub(crate) use uses::UsePruning;
 pub(crate) use visual_hull::VisualHull;
 pub(crate) use weights::{MaskWeight, StepPhoto, Weights, nearest};

@@ -66,6 +66,12 @@ pub(crate) trait PicturePass: Send + Sync {
     /// The Gaussians of cloud `index` that the last photo shows, and what it says of them.
     fn seen(&self, index: usize) -> SeenGaussians<'_>;
 
+    /// What the last photo needs of each Gaussian of cloud `index`, `[n]`; nothing where that is not counted.
+    fn uses(&self, index: usize) -> &[f32] {
+        let _ = index;
+        &[]
+    }
+
     /// `[3][pixels]`, the colours of the last picture.
     fn colour(&self) -> &[f32];
 

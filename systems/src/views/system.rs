@@ -183,7 +183,7 @@ impl System for Views {
     }
 
     fn flow_source(&self) -> FlowSource {
-        if self.parts.motion.is_some() { FlowSource::Canonical } else { FlowSource::Nothing }
+        if self.shows_motion() { FlowSource::Canonical } else { FlowSource::Nothing }
     }
 
     fn scene_flow(&self, points: &[[f64; 3]], from: f64, to: f64, out: &mut [Option<[f64; 3]>]) {
@@ -200,7 +200,10 @@ impl System for Views {
     }
 
     fn bounds(&self) -> [[f64; 3]; 2] {
-        let clouds = self.parts.clouds.iter().map(|cloud| &cloud.parameters.gaussians);
+        // What pictures never show may be of another frame.
+        let hidden = self.parts.layers.as_ref().is_some_and(|layers| layers.front == Front::Hidden);
+        let shown = if hidden { 1 } else { self.parts.clouds.len() };
+        let clouds = self.parts.clouds.iter().take(shown).map(|cloud| &cloud.parameters.gaussians);
         let points: Vec<DVec3> =
             clouds.flat_map(|cloud| (0..cloud.len()).map(|i| world_point(cloud, i, &self.parts.frame))).collect();
         let around = robust_box(&points, 0.02).unwrap_or(Aabb { min: DVec3::ZERO, max: DVec3::ONE });

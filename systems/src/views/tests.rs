@@ -14,6 +14,7 @@ use super::pass::ViewSpaceGradient;
 use super::planes::{PlaneBars, RenderedPicture};
 use super::start::Place;
 use super::terms::{L1Dssim, L1DssimConfig, PictureTerm, TargetPicture};
+use super::uses::UsePruning;
 use crate::plan::made;
 use engine::data::Dataset;
 use engine::options::Background;
@@ -88,6 +89,7 @@ fn training(kind: DensityKind, extra: ExtraRows) -> CloudTraining {
             control,
         },
         extra,
+        pruning: UsePruning::default(),
     }
 }
 
@@ -197,7 +199,9 @@ fn the_extra_rows_of_new_gaussians_are_those_of_their_sources() {
         trained.parameters.extra[i] = i as f32;
     }
     trained.parameters.gaussians.logit[3] = -9.0;
-    trained.change(0, ChangeTime { step: 4, position: 4, steps_done: 5, fades_done: 5 }, 0, &[], |_| Ok(None)).unwrap();
+    trained
+        .change(0, ChangeTime { step: 4, position: 4, steps_done: 5, fades_done: 5 }, 0, &[], 4, |_| Ok(None))
+        .unwrap();
     assert!(trained.parameters.len() > 20);
     assert_eq!(trained.parameters.extra, along(&trained.parameters));
     assert!(!trained.parameters.extra.contains(&3.0), "what is dead was relocated");

@@ -1,5 +1,6 @@
 //! One system on one moving scene: trained, and measured.
 
+use super::empty::psnr_behind;
 use super::entry::Entry;
 use super::film::{PRIORS, small_orbit};
 use super::protocols::Group;
@@ -10,11 +11,11 @@ use engine::RunError;
 use engine::eval::MotionScore;
 use engine::eval::lpips_file::{load_lpips, lpips_path};
 use engine::options::{DataOptions, Request};
-use engine::source::SYNTHETIC;
+use engine::source::{SYNTHETIC, as_asked};
 use engine::train::{Schedule, Stop};
 use losses::metrics::Lpips;
 use scene_io::Scene;
-use scene_io::synthetic::{MouthOptions, TissueOptions, mouth, orbit, tissue};
+use scene_io::synthetic::{MouthOptions, OrbitMotion, OrbitOptions, TissueOptions, mouth, orbit, tissue};
 use std::path::Path;
 
 /// Training seconds after which the held-out views are measured.
@@ -39,6 +40,8 @@ pub(super) struct Measured {
     pub(super) ssim: Option<f64>,
     pub(super) lpips: Option<f64>,
     pub(super) motion: MotionScore,
+    /// Of what is behind what moves, where that is known.
+    pub(super) behind: Option<f64>,
     /// Mean over the training.
     pub(super) rays_per_s: Option<f64>,
     pub(super) curve: Vec<Point>,
@@ -101,7 +104,12 @@ pub(super) fn measure(
     let trained = train(job, |_| {})?;
     let (views, ended) = (trained.views(), trained.ended);
     say(&format!("        {name}: {:.1} ms a step", trained.ms_per_step()));
+    let behind = match empty_stage(bench, group, &request.data)? {
+        Some(empty) => psnr_behind(&trained.run, &empty)?,
+        None => None,
+    };
     let mut out = Measured {
+        behind,
         name: entry.name,
         system: entry.system,
         set: entry.set,
@@ -116,6 +124,16 @@ pub(super) fn measure(
         (out.psnr, out.ssim, out.lpips, out.motion) = (e.psnr, e.ssim, e.lpips, e.motion);
     }
     Ok(out)
+}
+
+/// The stage of a page without what moves, filmed alike; `None` for a scene that is not known without.
+fn empty_stage(bench: &Bench, group: &Group, data: &DataOptions) -> Result<Option<Scene>, BenchError> {
+    if group.film.is_some() || group.path.strip_prefix(SYNTHETIC) != Some("orbit") {
+        return Ok(None);
+    }
+    let options = if bench.extent == Extent::Quick { small_orbit() } else { OrbitOptions::default() };
+    let empty = orbit(&OrbitOptions { motion: OrbitMotion::Gone, ..options });
+    as_asked(empty, data).map(Some).map_err(BenchError::part)
 }
 
 /// When the held-out views are measured.

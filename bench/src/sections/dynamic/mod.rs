@@ -3,6 +3,7 @@
 
 mod ablations;
 mod aims;
+mod empty;
 mod entry;
 mod film;
 mod measured;
@@ -30,7 +31,8 @@ const QUICK_STEPS: u64 = 10;
 
 const INTRO: &str = "Held-out views at held-out times. Moving: pixels that show things that move at some time; still: the others. \
                      Hidden: what something stood in front of when the photo was taken. Depth: mean absolute error \
-                     of z depth, world units, where the truth is known; a ray that ends nowhere counts with the whole depth. \
+                     of z depth, world units, where the truth is known; a ray that ends nowhere counts with the whole depth. Behind: \
+                     PSNR of what is behind what moves, against the same stage without that, of systems that know it apart. \
                      Found again: points of things that move, brought to another held-out view by the canonical point nearest to \
                      theirs, that come within 5 % of its longer side of where they are; flow: how far off they are on average. \
                      Scene flow: points of things that move, where they truly are, brought to one training frame on (at the end of the \
@@ -171,6 +173,7 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
             "depth",
             "depth, %",
             "depth of hidden",
+            "behind",
             "found again, %",
             "flow, px",
             "scene flow",
@@ -197,6 +200,7 @@ fn scores(rows: &[Measured]) -> Result<Table, BenchError> {
             m.motion.depth_error.into(),
             m.motion.depth_relative.map(|x| 100.0 * x).into(),
             m.motion.depth_hidden.into(),
+            Table::decibels(m.behind),
             m.motion.flow_found.map(|x| 100.0 * x).into(),
             m.motion.flow_error.into(),
             said(m, m.motion.scene_flow_error),

@@ -16,6 +16,8 @@ pub enum OrbitMotion {
     Some,
     /// Nothing: everything stays as it is at time 0.
     Nothing,
+    /// Nothing, for what would move is not there: the stage and what stands still on it.
+    Gone,
     /// Everything: the stage turns with all that stands on it, and what moves on it still does.
     Everything,
 }
@@ -107,7 +109,7 @@ impl Thing {
     pub(super) fn moves(&self) -> bool {
         match self.motion {
             OrbitMotion::Some => !matches!(self.course, Course::Still(_)),
-            OrbitMotion::Nothing => false,
+            OrbitMotion::Nothing | OrbitMotion::Gone => false,
             OrbitMotion::Everything => true,
         }
     }
@@ -116,7 +118,7 @@ impl Thing {
     pub(super) fn at(&self, time: f64) -> Placement {
         let (time, turn) = match self.motion {
             OrbitMotion::Some => (time, self.turn),
-            OrbitMotion::Nothing => (0.0, self.turn),
+            OrbitMotion::Nothing | OrbitMotion::Gone => (0.0, self.turn),
             OrbitMotion::Everything => (time, self.turn + 0.9 * time),
         };
         let inner = self.course.at(time);
@@ -177,6 +179,9 @@ pub(super) fn things(seed: u64, motion: OrbitMotion) -> Vec<Thing> {
     add(ball(0.09), arm(Part::Elbow), skin, 26.0);
     add(block(0.05, 0.05, 0.5 * ARM[2]), arm(Part::Fore), coat, 26.0);
     add(ball(0.10), arm(Part::Hand), skin, 24.0);
+    if motion == OrbitMotion::Gone {
+        list.retain(|thing| matches!(thing.course, Course::Still(_)));
+    }
     list
 }
 
@@ -205,6 +210,12 @@ mod tests {
         let count = |motion| things(0, motion).iter().filter(|t| t.moves()).count();
         let all = things(0, OrbitMotion::Some).len();
         assert_eq!([count(OrbitMotion::Nothing), count(OrbitMotion::Everything)], [0, all]);
+        // Without what moves the rest is as it was, and where it was.
+        let still: Vec<Thing> = things(0, OrbitMotion::Gone);
+        assert_eq!(still.len(), all - count(OrbitMotion::Some));
+        for (gone, some) in still.iter().zip(things(0, OrbitMotion::Some)) {
+            assert_eq!((gone.pattern, gone.at(0.3)), (some.pattern, some.at(0.3)));
+        }
         assert!((6..all).contains(&count(OrbitMotion::Some)));
         for motion in [OrbitMotion::Some, OrbitMotion::Nothing, OrbitMotion::Everything] {
             for thing in things(0, motion) {

@@ -11,17 +11,18 @@
 //!
 //! All parameters learn from both parts; new Gaussians come where the main part says. The cloud in front moves as that of `4dgs`
 //! ([`crate::cloud_motion`]), opacities and colours too; the one behind is that of `splat`. Photos without times each show another time of
-//! the front: things that stand in the way. How both are put together: [`crate::cloud_layers`]. What differs from the paper, and why:
-//! `docs/decisions/0066-degauss.md`.
+//! the front, which is a sheet before their cameras then: things that stand in the way. How both are put together:
+//! [`crate::cloud_layers`]. What differs from the paper, and why: `docs/decisions/0066-degauss.md`.
 
 use super::four_d_gaussians;
-use super::layers::{FrontConfig, LayerParts};
+use super::layers::{FrontConfig, LayerKind, LayerParts};
 use super::recipe::Recipe;
 use super::splat;
 use super::start::StartKind;
 use crate::claims::Claim;
 use crate::cloud_layers::LayerSettings;
 use crate::cloud_motion::{MotionParts, MotionSettings};
+use crate::fields::{PlaneGridSettings, PlaneGridSource, count_of_times};
 use crate::plan::{Ask, Built};
 use crate::views::PhotoTimes;
 use std::sync::Arc;
@@ -32,35 +33,85 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Wang et al., 2025",
     what: "A cloud of what moves before a cloud of what stands still, by masks that are learnt",
     take: "the scene without what moves, from a film or from photos with people in the way",
-    differs: "Clouds are those of `splat` and `4dgs` here, the one behind begins where a field sees surfaces. Where nothing is in front \
-              all is of the cloud behind: no Gaussians hold masks alone, none are pruned by utility. Masks of a Gaussian keep their \
-              values over time; no loss of structural divergence or (`front_each=0.25`) of each cloud alone, no stage at first.",
+    differs: "Clouds are those of `splat` and `4dgs` here. Of films all is of the cloud behind where nothing is in front, and no Gaussians \
+              are pruned by utility. Of photos without times the front is a sheet before each camera; the cloud behind learns where it \
+              is most likely seen, masks by how far it is off; no structural divergence, no stage at first.",
     mark: "own clouds, masks by opacity",
 };
 
 /// Weights over that of the absolute difference, which is 4 in the supplement; that of each cloud alone is 1 there.
 const LAYERS: LayerSettings = LayerSettings {
     front_from: 0.0,
+    front_at_camera: false,
+    front_apart: false,
     front_shades: true,
     front_mask_lr: 0.05,
     front_structure: 0.1,
     front_each: 0.0,
+    front_divergence: 0.0,
     front_entropy: 2.5e-3,
     front_sparsity: 0.0,
+    front_sparsity_start: 0.0,
     front_separation: 0.025,
     front_smoothness: 0.025,
     front_brightness: 0.125,
+    front_prune: 0.0,
 };
 
-/// That of `4dgs` here; opacities and colours change, too. Of photos without times each shows another thing: planes have half as many
-/// vertices of time as there are photos then.
+/// What stands before single photos has no place in the scene, and no other photo shows it: the cloud in front goes with the camera, and
+/// nothing of it is the same in two photos but by chance. What both could show is of the cloud behind.
+const BEFORE_PHOTOS: LayerSettings = LayerSettings {
+    front_from: BEFORE_PHOTOS_FROM,
+    front_at_camera: true,
+    front_apart: true,
+    front_shades: false,
+    front_mask_lr: 0.0,
+    front_structure: 0.25,
+    front_sparsity: 0.15,
+    front_sparsity_start: 0.05,
+    front_separation: 0.0,
+    ..LAYERS
+};
+
+/// From this share of the schedule on: what photos share is known by then, as well as it is with what stands before it.
+const BEFORE_PHOTOS_FROM: f64 = 0.2;
+
+const FRONT: FrontConfig = FrontConfig { front_count: 10_000, front_max: 40_000, front_opacity: 0.1 };
+
+/// More vertices of time have no memory.
+const MOST_VERTICES: u32 = 1024;
+
+/// That of `4dgs` here; opacities, colours and masks change, too. Of photos without times each shows another thing: planes have a
+/// vertex of time for each, and are not smoothed along the time.
 fn motion(times: Arc<[f32]>, of: PhotoTimes) -> MotionParts {
-    let settings = MotionSettings { motion_opacity: true, motion_colour: true, ..four_d_gaussians::MOTION };
-    let vertices = match of {
-        PhotoTimes::Own => four_d_gaussians::vertices_of_time(&times),
-        PhotoTimes::Order => 0,
+    let moving = MotionSettings { motion_colour: true, motion_masks: true, ..four_d_gaussians::MOTION };
+    let (settings, planes) = match of {
+        PhotoTimes::Own => {
+            let settings = MotionSettings { motion_opacity: true, ..moving };
+            (settings, four_d_gaussians::planes(four_d_gaussians::vertices_of_time(&times)))
+        }
+        PhotoTimes::Order => {
+            let settings = MotionSettings {
+                motion_from: BEFORE_PHOTOS_FROM,
+                motion_lr: 2e-3,
+                motion_lr_end: 5e-4,
+                motion_feature_lr: 0.05,
+                motion_feature_lr_end: 0.01,
+                ..moving
+            };
+            let vertices = count_of_times(&times).min(MOST_VERTICES);
+            (
+                settings,
+                PlaneGridSettings {
+                    plane_vertices: 32,
+                    plane_scales: vec![1],
+                    plane_smoothness: 0.0,
+                    ..four_d_gaussians::planes(vertices)
+                },
+            )
+        }
     };
-    four_d_gaussians::moving(settings, vertices, times)
+    MotionParts { settings, features: PlaneGridSource::new(planes, times) }
 }
 
 static RECIPE: Recipe = Recipe {
@@ -73,7 +124,10 @@ static RECIPE: Recipe = Recipe {
     loss: None,
     motion: Some(motion),
     photos: None,
-    layers: Some(LayerParts { settings: LAYERS, front: FrontConfig { front_count: 10_000, front_max: 40_000 } }),
+    layers: Some(LayerParts {
+        film: LayerKind { settings: LAYERS, front: FRONT },
+        photos: LayerKind { settings: BEFORE_PHOTOS, front: FrontConfig { front_opacity: 0.9, ..FRONT } },
+    }),
 };
 
 /// Clouds at their start, and why they are as they are.

@@ -47,6 +47,7 @@ pub(super) const MOTION: MotionSettings = MotionSettings {
     motion_layers: 0,
     motion_opacity: false,
     motion_colour: false,
+    motion_masks: false,
     motion_lr: 1.6e-3,
     motion_lr_end: 1.6e-4,
     motion_feature_lr: 1.6e-2,
@@ -56,7 +57,7 @@ pub(super) const MOTION: MotionSettings = MotionSettings {
 };
 
 /// The planes of D-NeRF's scenes, with half of the features.
-fn planes(plane_times: u32) -> PlaneGridSettings {
+pub(super) fn planes(plane_times: u32) -> PlaneGridSettings {
     PlaneGridSettings {
         plane_vertices: 64,
         plane_scales: vec![1, 2],

@@ -16,7 +16,7 @@ use crate::views::start::scene_box;
 use crate::views::{
     CloudConfig, CloudMotion, CloudRates, CloudTraining, DensityConfig, DensityRules, ExtraRows, L1Dssim,
     L1DssimConfig, MaskWeight, PhotoTimes, PictureConfig, PictureTerm, PlannedDensity, SplitConfig, TrainedCloud,
-    ViewParts, ViewSpaceGradient, Views, refused,
+    UsePruning, ViewParts, ViewSpaceGradient, Views, refused,
 };
 use engine::data::Dataset;
 use engine::options::{Plan, RunOptions, Stop};
@@ -290,6 +290,7 @@ impl Planned {
             rates: settings.of(&self.rates)?,
             density: DensityRules::asked(&density, settings)?,
             extra: ExtraRows::default(),
+            pruning: UsePruning::default(),
         };
         training.rates.check()?;
         training.density.check()?;
@@ -301,8 +302,11 @@ impl Planned {
         let motion = self.recipe.motion.map(|motion| motion(self.times.clone(), self.photo_times));
         let motion = motion.map(|motion| AskedMotion::new(motion, settings)).transpose()?;
         let horizon = self.rates.horizon;
-        let layers =
-            self.recipe.layers.map(|layers| layers.asked(self.pace.as_ref(), horizon, settings)).transpose()?;
+        let layers = self
+            .recipe
+            .layers
+            .map(|layers| layers.asked(self.pace.as_ref(), horizon, self.photo_times, settings))
+            .transpose()?;
         Ok(AskedParts { training, frame, pictures, loss, start, motion, photos, layers })
     }
 }
@@ -358,12 +362,15 @@ impl AskedMotion {
         data: &Dataset,
         seed: u64,
     ) -> Result<Box<dyn CloudMotion>, SystemError> {
-        let cube = UnitBox::new(&scene_box(layout, data), &asked.frame);
         let features = self.features.features(Rng::new(seed, STREAM))?;
         let CloudTraining { cloud, rates, .. } = &asked.training;
         // What moves is in front.
         let index = usize::from(asked.layers.is_some());
-        let field = DeformationField::new(self.settings, features, cube, index, cloud.sh_degree, rates.horizon, seed)?;
+        let (cube, degree) = match &asked.layers {
+            Some(layers) => (layers.cube(&asked.frame, layout, data), layers.sh_degree(cloud.sh_degree)),
+            None => (UnitBox::new(&scene_box(layout, data), &asked.frame), cloud.sh_degree),
+        };
+        let field = DeformationField::new(self.settings, features, cube, index, degree, rates.horizon, seed)?;
         Ok(Box::new(field))
     }
 }
