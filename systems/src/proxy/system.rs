@@ -1,11 +1,13 @@
 //! A cloud that begins where a field sees surfaces, as a [`System`].
 
-use super::seen::seen;
+use super::seen::{BUDGET, seen};
 use crate::rays::RaySystem;
 use crate::views::outside::PhotoPixels;
+use crate::views::sky::free_points;
 use crate::views::start::Place;
 use crate::views::{Views, first_of, positive, unless};
 use engine::data::Dataset;
+use engine::render::plain_query;
 use engine::system::{
     Appearance, Fit, FlowSource, Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap,
     take_counts, u64_tensor,
@@ -45,6 +47,8 @@ pub(crate) struct ProxyTerms {
     pub(crate) config: FieldConfig,
     /// So many Gaussians begin where it sees surfaces; `None`: the cloud begins as it is.
     pub(crate) seeds: Option<usize>,
+    /// About so many points of a sphere far around the scene are Gaussians of the sky, where it sees no surface; `None`: none.
+    pub(crate) sky: Option<usize>,
 }
 
 impl ProxyTerms {
@@ -58,6 +62,8 @@ impl ProxyTerms {
     }
 }
 
+/// What is farther than this share of the radius of the sphere of the sky is no surface of the scene.
+const NEARER: f64 = 0.25;
 /// No more pixels are drawn for a seed.
 const MOST_DRAWN: usize = 16;
 /// So many steps the cloud is given before it is shown instead of the field, or as many as that had: at its first ones it is 6 dB behind
@@ -131,7 +137,24 @@ impl Proxied {
         }
         let count = points.len().min(seeds);
         let places: Vec<_> = (0..count).map(|k| points[k * points.len() / count]).collect();
-        self.cloud.begin_at(&places)
+        self.cloud.begin_at(&places)?;
+        self.add_sky(data, &places)
+    }
+
+    /// Gaussians of the sky around a cloud that begins at `places`, where the field sees no surface.
+    fn add_sky(&mut self, data: &Dataset, places: &[Place]) -> Result<(), SystemError> {
+        let Some((count, field)) = self.terms.sky.zip(self.field.as_ref()) else { return Ok(()) };
+        let places: Vec<_> = places.iter().map(|place| place.x).collect();
+        let Some(sphere) = self.cloud.sky_around(&places, data, count) else { return Ok(()) };
+        let surface = (NEARER * sphere.radius()) as f32;
+        let free = free_points(data, &sphere.points(data), |rays| {
+            let depths = field.render(rays, &plain_query([0.0; 3], BUDGET)).median_depth;
+            if std::env::var("SKYDBG").is_ok() { let mut d: Vec<f32> = depths.clone(); d.sort_by(f32::total_cmp); let q=|s:f64| d.get((s*d.len() as f64) as usize).copied().unwrap_or(-1.0); eprintln!("n {} depths {:?} radius {}", d.len(), [0.0,0.1,0.25,0.5,0.75,0.9,0.99].map(q), sphere.radius()); }
+            depths.into_iter().map(|t| t >= surface).collect()
+        });
+        let free = free?;
+        if std::env::var("SKYDBG").is_ok() { eprintln!("sky: {} of {} points free", free.len(), sphere.points(data).len()); }
+        self.cloud.add_sky(&sphere, &free)
     }
 
     /// What about `count` pixels of all photos see.

@@ -56,6 +56,7 @@ pub(crate) mod refine;
 mod render;
 mod sample_places;
 mod skipped;
+pub(crate) mod sky;
 mod smoothing;
 pub mod start;
 mod surveys;

@@ -24,7 +24,7 @@ use super::wild_gaussians;
 use crate::claims::Claim;
 use crate::cloud_appearance::CloudAppearance;
 use crate::cloud_maps::MapSettings;
-use crate::cloud_occluders::VisibilitySettings;
+use crate::cloud_occluders::{HeadSettings, VisibilitySettings};
 use crate::plan::{Ask, Built};
 use crate::views::{L1DssimConfig, Structure};
 
@@ -58,6 +58,9 @@ pub(super) const MAPS: MapSettings = MapSettings {
 /// Released: from step 2 500 of 70 000 on; 0.15.
 pub(super) const VISIBILITY: VisibilitySettings =
     VisibilitySettings { judge_from: 0.15, visibility_weight: 0.15, visibility_left: 1.0 };
+
+/// Released: a head of the encoder, with its rate, 2e-3.
+pub(super) const HEAD: HeadSettings = HeadSettings { head_side: 64, head_lr: 2e-3 };
 
 static RECIPE: Recipe = Recipe {
     claim: CLAIM,

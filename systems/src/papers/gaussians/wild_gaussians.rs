@@ -13,9 +13,10 @@
 //! that no program here runs; which pixels count instead: [`crate::cloud_occluders`]. What differs, and why:
 //! `docs/decisions/0062-clouds-from-photos-of-many-people.md`.
 
-use super::gs_w::{MAPS, VISIBILITY};
+use super::gs_w::{HEAD, MAPS, VISIBILITY};
 use super::photos::PhotoParts;
 use super::recipe::Recipe;
+use super::sky::{SkyChoice, SkySettings};
 use super::splat;
 use super::start::StartKind;
 use crate::claims::Claim;
@@ -58,6 +59,9 @@ const ERRORS: ErrorMaskSettings = ErrorMaskSettings { chance_fade: 1.0 / 60.0, i
 const FEATURES: FeatureMaskSettings =
     FeatureMaskSettings { chance_fade: ERRORS.chance_fade, inlier_least: 0.5, inlier_most: 0.9, mask_lr: 1e-2 };
 
+/// Released: 50 000 to 100 000.
+const SKY: SkySettings = SkySettings { sky: SkyChoice::No, sky_splats: 5_000 };
+
 pub(super) const PHOTOS: PhotoParts = PhotoParts {
     appearance: CloudAppearance::Codes,
     tone: TONE,
@@ -71,6 +75,8 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     errors: ERRORS,
     features: FEATURES,
     visibility: VISIBILITY,
+    head: HEAD,
+    sky: SKY,
     depth: None,
 };
 

@@ -1,0 +1,190 @@
+//! Gaussians of the sky: on a sphere far around the scene, where photos may show it.
+//!
+//! ```text
+//! latitude asin(2 i / (2 M + 1)),  longitude pi (3 - sqrt 5) i,  i = -M .. M       about the scene's vertical axis
+//! ```
+//!
+//! A point is kept where some camera has it in the upper part of its photo, and it lies above the horizon.
+//!
+//! # Source
+//! Kulhanek et al., "WildGaussians: 3D Gaussian Splatting in the Wild", 2024, released code. That they lie above the horizon is asked for
+//! here besides.
+
+use super::cloud_frame::CloudFrame;
+use super::start::{NewGaussian, round};
+use engine::data::Dataset;
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use render_core::camera::{Camera, Prepared};
+use render_core::ray::Ray;
+use render_core::rig::up_axis;
+use scene_io::SceneError;
+use splat_core::{Gaussians, SplatError};
+use std::f64::consts::PI;
+
+/// The sphere is so much larger than the scene.
+const FARTHER: f64 = 10.0;
+/// Share of the places that the scene reaches as far as.
+const WITHIN: f64 = 0.97;
+/// The upper part of a photo, of its height.
+const UPPER: f64 = 2.0 / 3.0;
+/// Photos that are asked, at most.
+const PHOTOS: usize = 128;
+/// Opacity of all.
+const OPACITY: f64 = 0.99;
+/// No Gaussian farther from the frame's centre than this is too large, internal units: the sphere is at least twice as far.
+pub(super) const FAR: f32 = 5.0;
+
+/// A sphere of points, of the scene's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SkySphere {
+    centre: DVec3,
+    radius: f64,
+    /// The direction that is up, of unit length; `None`: not known.
+    up: Option<DVec3>,
+    /// Number of points, odd.
+    count: usize,
+}
+
+/// A point of the sphere, and what photos show there.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct SkyPoint {
+    pub(crate) x: DVec3,
+    pub(crate) pixels: Vec<SkyPixel>,
+}
+
+/// A place of the sky.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SkyPlace {
+    pub(crate) x: DVec3,
+    pub(crate) rgb: [f32; 3],
+}
+
+/// What a photo shows in the direction of a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SkyPixel {
+    /// Index of the view.
+    pub(crate) view: usize,
+    /// Column and row.
+    pub(crate) at: [u32; 2],
+}
+
+impl SkySphere {
+    /// About `count` points around places of a scene, ten times as far as most of them reach, and as the cameras of `frame` do.
+    /// `None` without places.
+    pub(crate) fn around(places: &[DVec3], frame: &CloudFrame, data: &Dataset, count: usize) -> Option<Self> {
+        let finite = || places.iter().copied().filter(|x| x.is_finite());
+        let n = finite().count();
+        let centre = finite().sum::<DVec3>() / n.max(1) as f64;
+        let mut far: Vec<f64> = finite().map(|x| x.distance(centre)).collect();
+        let at = ((WITHIN * n as f64) as usize).min(n.checked_sub(1)?);
+        let reach = *far.select_nth_unstable_by(at, f64::total_cmp).1;
+        let poses: Vec<_> = data.views().iter().map(|view| view.camera.pose).collect();
+        let radius = FARTHER * reach.max(frame.scale);
+        Some(Self { centre, radius, up: up_axis(&poses), count: Self::odd(count) })
+    }
+
+    /// The number of points that is taken for `count`.
+    pub(crate) fn odd(count: usize) -> usize {
+        count / 2 * 2 + 1
+    }
+
+    /// World units.
+    pub(crate) fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// Point `i` of `count`.
+    fn point(&self, i: usize) -> DVec3 {
+        let k = i as f64 - (self.count / 2) as f64;
+        let height = 2.0 * k / self.count as f64;
+        let turn = PI * (3.0 - 5.0_f64.sqrt()) * k;
+        let z = self.up.unwrap_or(DVec3::Z);
+        let x = z.any_orthonormal_vector();
+        let flat = (1.0 - height * height).max(0.0).sqrt();
+        self.centre + self.radius * (flat * (turn.cos() * x + turn.sin() * z.cross(x)) + height * z)
+    }
+
+    /// The points that photos may show the sky at, and where.
+    pub(crate) fn points(&self, data: &Dataset) -> Vec<SkyPoint> {
+        let asked = data.len().min(PHOTOS);
+        let views = (0..asked).map(|k| k * data.len() / asked.max(1));
+        let cameras: Vec<(usize, Prepared)> = views.map(|view| (view, data.view(view).camera.prepare())).collect();
+        let seen = |i: usize| {
+            let x = self.point(i);
+            if self.up.is_some_and(|up| (x - self.centre).dot(up) < 0.0) {
+                return None;
+            }
+            let pixel = |(view, camera): &(usize, Prepared)| {
+                Some(SkyPixel { view: *view, at: upper_pixel(camera.camera(), camera.project(x)?.to_array())? })
+            };
+            let pixels: Vec<SkyPixel> = cameras.iter().filter_map(pixel).collect();
+            (!pixels.is_empty()).then_some(SkyPoint { x, pixels })
+        };
+        (0..self.count).into_par_iter().filter_map(seen).collect()
+    }
+
+    /// Gaussians at points with their colours, of the frame of training: as large as the points are apart. There is room for `most`; of
+    /// more points every second, third, ... is taken.
+    pub(super) fn gaussians(
+        &self,
+        places: &[SkyPlace],
+        frame: &CloudFrame,
+        degree: usize,
+        most: usize,
+    ) -> Result<Gaussians, SplatError> {
+        let apart = self.radius * (4.0 * PI / self.count as f64).sqrt();
+        let room = places.len().min(most);
+        let place = |k: usize| places[k * places.len() / room];
+        let one = |SkyPlace { x, rgb }: SkyPlace| NewGaussian {
+            x: frame.to_internal(x).to_array(),
+            size: apart / frame.scale,
+            rgb,
+        };
+        let new: Vec<NewGaussian> = (0..room).map(|k| one(place(k))).collect();
+        let mut cloud = round(&new, degree)?;
+        cloud.logit.fill((OPACITY / (1.0 - OPACITY)).ln() as f32);
+        Ok(cloud)
+    }
+}
+
+/// The points that one of the photos shows nothing in front of, as `is_free` says of rays, with the mean colour of those photos there.
+///
+/// # Errors
+/// [`SceneError`] for a photo that cannot be read.
+pub(crate) fn free_points(
+    data: &Dataset,
+    points: &[SkyPoint],
+    is_free: impl Fn(&[Ray]) -> Vec<bool>,
+) -> Result<Vec<SkyPlace>, SceneError> {
+    let mut sums = vec![([0.0_f32; 3], 0.0_f32); points.len()];
+    for view in 0..data.len() {
+        let of_view = |(k, point): (usize, &SkyPoint)| {
+            point.pixels.iter().find(|pixel| pixel.view == view).map(|pixel| (k, pixel.at))
+        };
+        let pixels: Vec<(usize, [u32; 2])> = points.iter().enumerate().filter_map(of_view).collect();
+        if pixels.is_empty() {
+            continue;
+        }
+        let (camera, image) = (data.view(view).camera.prepare(), data.image(view)?);
+        let ray = |(k, [x, y]): (usize, [u32; 2])| {
+            let used = x < image.width && y < image.height && image.is_used(x, y);
+            let ray = camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).filter(|_| used)?;
+            Some(((k, [x, y]), ray))
+        };
+        let (pixels, rays): (Vec<_>, Vec<_>) = pixels.into_iter().filter_map(ray).unzip();
+        for ((k, [x, y]), _) in pixels.into_iter().zip(is_free(&rays)).filter(|(_, free)| *free) {
+            let (sum, count) = &mut sums[k];
+            sum.iter_mut().zip(image.pixel(x, y)).for_each(|(sum, c)| *sum += f32::from(*c) / 255.0);
+            *count += 1.0;
+        }
+    }
+    let free = points.iter().zip(sums).filter(|(_, (_, count))| *count > 0.0);
+    Ok(free.map(|(point, (sum, count))| SkyPlace { x: point.x, rgb: sum.map(|x| x / count) }).collect())
+}
+
+/// The pixel at a place of a photo, in its upper part.
+fn upper_pixel(camera: &Camera, at: [f64; 2]) -> Option<[u32; 2]> {
+    let inside = at[0] >= 0.0 && at[1] >= 0.0 && at[0] < f64::from(camera.width);
+    (inside && at[1] < UPPER * f64::from(camera.height)).then(|| at.map(|x| x as u32))
+}
