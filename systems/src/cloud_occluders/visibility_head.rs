@@ -189,3 +189,6 @@ impl RenderJudge for VisibilityHead {
         4 * (2 * self.network.memory_len() + self.params.values.len())
     }
 }
+
+#[cfg(test)]
+mod tests;

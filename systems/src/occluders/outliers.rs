@@ -10,6 +10,7 @@
 use super::expected_error::ExpectedError;
 use super::scene_guard::{Marked, PhotoGeometry, STRICT, even_out, marks_of_the_scene};
 use super::static_maps::StaticMap;
+use super::witnesses::{Seen, Witnesses};
 use crate::limits::{positive, refuse, within};
 use crate::photo_model::PhotoAndRender;
 use engine::data::Dataset;
@@ -112,6 +113,8 @@ pub(crate) struct PhotoOutliers {
     photos: Vec<SurveyedPhoto>,
     backdrop: Backdrop,
     brightness: Brightness,
+    /// So many other photos must show what a marked square hides; 0: nobody asks.
+    witnesses: u32,
 }
 
 /// Whether photos differ in brightness and tint.
@@ -178,6 +181,11 @@ impl PhotoOutliers {
         Self { backdrop, brightness, ..Self::default() }
     }
 
+    /// What is marked counts only where so many other photos show the place as it is rendered: see [`super::witnesses`].
+    pub(crate) fn with_witnesses(self, witnesses: u32) -> Self {
+        Self { witnesses, ..self }
+    }
+
     /// Add a photo; they come in the order of the views.
     pub(crate) fn add(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) {
         let residuals = mean_residuals(seen, NEIGHBOURHOOD);
@@ -196,30 +204,27 @@ impl PhotoOutliers {
     pub(crate) fn static_parts(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<StaticParts> {
         self.expected.settle(rule.quantile);
         let expected = &self.expected;
-        let photos: Vec<(Marked, Vec<f32>, Vec<u8>)> = std::mem::take(&mut self.photos)
+        let photos: Vec<(Marked, Kept)> = std::mem::take(&mut self.photos)
             .into_par_iter()
             .map(|SurveyedPhoto { extent, stride, mut residuals, place, geometry, colours, evidence }| {
                 residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
                 let seed = mask_of(rule, threshold, extent, &residuals);
                 let marks = grown(extent, &residuals, threshold, &seed).iter().map(|bit| *bit == 0).collect();
-                (Marked { geometry, extent, stride, marks, colours, evidence }, residuals, seed)
+                let kept = Kept { extent, stride, residuals, seed, place };
+                (Marked { geometry, extent, stride, marks, colours, evidence }, kept)
             })
             .collect();
-        let (mut marked, kept): (Vec<Marked>, Vec<_>) = photos
-            .into_iter()
-            .map(|(marked, residuals, seed)| {
-                let place = (marked.extent, marked.stride);
-                (marked, (place, residuals, seed))
-            })
-            .unzip();
+        let (mut marked, kept): (Vec<Marked>, Vec<Kept>) = photos.into_iter().unzip();
+        let unknown = unknown(self.witnesses, &marked, &kept);
         if self.brightness == Brightness::Each {
             even_out(&mut marked);
         }
         let scene = marks_of_the_scene(marked, STRICT);
         kept.into_par_iter()
             .zip(scene)
-            .map(|(((extent, stride), mut residuals, mut seed), scene)| {
-                for (i, _) in scene.iter().enumerate().filter(|(_, scene)| **scene) {
+            .zip(unknown)
+            .map(|((Kept { extent, stride, mut residuals, mut seed, .. }, scene), unknown)| {
+                for (i, _) in scene.iter().zip(unknown).enumerate().filter(|(_, (scene, unknown))| **scene || *unknown) {
                     (residuals[i], seed[i]) = (0.0, 1);
                 }
                 let bits = grown(extent, &residuals, threshold, &seed);
@@ -228,6 +233,26 @@ impl PhotoOutliers {
             })
             .collect()
     }
+}
+
+/// What is kept of a photo while marks of all photos are compared.
+struct Kept {
+    extent: Extent,
+    stride: usize,
+    residuals: Vec<f32>,
+    seed: Vec<u8>,
+    place: Vec<[f32; 3]>,
+}
+
+/// The squares of each photo that hide nothing which enough other photos show.
+fn unknown(witnesses: u32, marked: &[Marked], kept: &[Kept]) -> Vec<Vec<bool>> {
+    if witnesses == 0 {
+        return kept.iter().map(|kept| vec![false; kept.place.len()]).collect();
+    }
+    let photos = marked.iter().zip(kept);
+    let seen = photos.map(|(photo, kept)| Seen { place: &kept.place, marks: &photo.marks, evidence: &photo.evidence });
+    let all = Witnesses::new(witnesses, seen);
+    kept.par_iter().map(|kept| kept.place.iter().map(|place| !all.know(*place)).collect()).collect()
 }
 
 /// What is static: all but what is certainly an occluder, what is connected to it, and gaps in both.

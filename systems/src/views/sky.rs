@@ -188,3 +188,90 @@ fn upper_pixel(camera: &Camera, at: [f64; 2]) -> Option<[u32; 2]> {
     let inside = at[0] >= 0.0 && at[1] >= 0.0 && at[0] < f64::from(camera.width);
     (inside && at[1] < UPPER * f64::from(camera.height)).then(|| at.map(|x| x as u32))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::made;
+
+    const PLACES: [DVec3; 3] = [DVec3::new(1.0, 0.0, 0.2), DVec3::new(-1.0, 0.0, 0.2), DVec3::new(0.0, 0.5, 0.2)];
+
+    fn sphere(data: &Dataset, count: usize) -> SkySphere {
+        let frame = CloudFrame { centre: [0.0, 0.0, 1.0], scale: 3.3 };
+        SkySphere::around(&PLACES, &frame, data, count).unwrap()
+    }
+
+    #[test]
+    fn points_are_spread_over_the_sphere_seen_in_the_upper_part_of_a_photo_and_above_the_horizon() {
+        let (_, data) = made::capture(made::Points::None);
+        let sphere = sphere(&data, 2000);
+        assert_eq!((sphere.count, sphere.radius), (2001, 33.0));
+        assert!(sphere.up.unwrap().distance(DVec3::Z) < 1e-6);
+        let all: Vec<DVec3> = (0..sphere.count).map(|i| sphere.point(i)).collect();
+        let mean = all.iter().sum::<DVec3>() / all.len() as f64;
+        assert!(mean.distance(sphere.centre) < 0.01 * sphere.radius, "{mean}");
+        assert!(all.iter().all(|x| (x.distance(sphere.centre) - sphere.radius).abs() < 1e-9));
+        let points = sphere.points(&data);
+        assert!(points.len() > 50, "{}", points.len());
+        for point in &points {
+            assert!(all.contains(&point.x) && point.x.z >= sphere.centre.z);
+            for SkyPixel { view, at } in &point.pixels {
+                let p = data.view(*view).camera.prepare().project(point.x).unwrap();
+                assert!((p.x, p.y) >= (0.0, 0.0) && p.x < 24.0 && p.y < 16.0, "{p}");
+                assert_eq!(*at, [p.x as u32, p.y as u32]);
+            }
+        }
+        // All those that are left out are below the horizon, or no photo has them there.
+        let left = all.iter().filter(|x| !points.iter().any(|point| point.x == **x));
+        for x in left.filter(|x| x.z > sphere.centre.z) {
+            for view in data.views() {
+                let p = view.camera.prepare().project(*x);
+                assert!(p.is_none_or(|p| p.x < 0.0 || p.y < 0.0 || p.x >= 24.0 || p.y >= 16.0), "{x}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_place_of_the_sky_has_the_mean_colour_of_photos_with_nothing_before_it() {
+        let frames = made::frames(3, |k, _, _| [20 * k as u8, 100, 200, 255]);
+        let (_, data) = made::scene(frames, Vec::new());
+        let sphere = sphere(&data, 500);
+        let points = sphere.points(&data);
+        let all = free_points(&data, &points, |rays| vec![true; rays.len()]).unwrap();
+        assert_eq!(all.len(), points.len());
+        for (place, point) in all.iter().zip(&points) {
+            let mean = point.pixels.iter().map(|pixel| 20.0 * pixel.view as f32).sum::<f32>() / point.pixels.len() as f32;
+            assert!((255.0 * place.rgb[0] - mean).abs() < 0.01 && (255.0 * place.rgb[2] - 200.0).abs() < 0.01);
+        }
+        // Something is before it on one side.
+        let some = free_points(&data, &points, |rays| rays.iter().map(|ray| ray.d.x > 0.0).collect()).unwrap();
+        assert!(!some.is_empty() && some.len() < all.len());
+        assert!(some.iter().all(|place| place.x.x > sphere.centre.x));
+        assert!(free_points(&data, &points, |rays| vec![false; rays.len()]).unwrap().is_empty());
+    }
+
+    #[test]
+    fn gaussians_are_as_large_as_they_are_apart_and_no_more_than_there_is_room_for() {
+        let (_, data) = made::capture(made::Points::None);
+        let (sphere, frame) = (sphere(&data, 1000), CloudFrame { centre: [0.0, 0.0, 1.0], scale: 3.3 });
+        let places: Vec<SkyPlace> =
+            sphere.points(&data).iter().map(|point| SkyPlace { x: point.x, rgb: [0.2, 0.4, 0.6] }).collect();
+        let cloud = sphere.gaussians(&places, &frame, 1, usize::MAX).unwrap();
+        cloud.check().unwrap();
+        assert_eq!(cloud.len(), places.len());
+        let n = cloud.len();
+        for i in 0..n {
+            let x = [0, 1, 2].map(|axis| cloud.mean[axis * n + i]);
+            assert!(x.iter().map(|x| x * x).sum::<f32>() > FAR * FAR);
+            let nearest = (0..n).filter(|j| *j != i).map(|j| places[i].x.distance(places[j].x)).fold(f64::MAX, f64::min);
+            let size = f64::from(cloud.log_scale[i].exp()) * frame.scale;
+            assert!(size > 0.7 * nearest && size < 2.5 * nearest, "{size} {nearest}");
+        }
+        assert_eq!(sphere.gaussians(&places, &frame, 1, 7).unwrap().len(), 7);
+        assert!(sphere.gaussians(&places, &frame, 1, 0).unwrap().is_empty());
+        assert!(sphere.gaussians(&[], &frame, 1, 9).unwrap().is_empty());
+        assert!(SkySphere::around(&[], &frame, &data, 9).is_none());
+        let nan = SkySphere::around(&[DVec3::NAN, DVec3::ZERO], &frame, &data, 9).unwrap();
+        assert_eq!((nan.centre, nan.radius), (DVec3::ZERO, 33.0));
+    }
+}

@@ -49,6 +49,7 @@ pub(super) const MAPS: MapSettings = MapSettings {
     map_channels: 8,
     tone_width: 32,
     tone_scale: 0.1,
+    tone_direction: false,
     sample_weight: 1e-3,
     place_code_lr: 5e-3,
     tone_lr: 6e-3,

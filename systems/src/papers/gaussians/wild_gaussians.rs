@@ -70,7 +70,7 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     sh_degree: 1,
     structure: Structure::Plain,
     occluders: CloudOccluders::Photos,
-    masks: MaskSettings { judge_first: 100 },
+    masks: MaskSettings { judge_first: 100, judge_every: 200, judge_witnesses: 3 },
     judge: JUDGE,
     errors: ERRORS,
     features: FEATURES,
