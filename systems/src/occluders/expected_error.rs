@@ -4,7 +4,7 @@
 use crate::photo_model::PhotoAndRender;
 
 /// Cells along each axis of the field's unit cube.
-pub(super) const CELLS: usize = 32;
+const CELLS: usize = 32;
 /// Least number of squares that show a cell; with fewer the median over all places stands for it.
 const LEAST: usize = 24;
 /// The expected error is at least this share of the median over all places.
@@ -21,8 +21,7 @@ pub(crate) struct ExpectedError {
     cells: Vec<f32>,
 }
 
-/// The cell of a place in the unit cube; the last one of what is nowhere.
-pub(super) fn cell_of(place: [f32; 3]) -> usize {
+fn cell_of(place: [f32; 3]) -> usize {
     if place.iter().any(|x| x.is_nan()) {
         return CELLS * CELLS * CELLS;
     }

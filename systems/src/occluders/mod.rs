@@ -19,7 +19,6 @@ pub(crate) mod pixel_network;
 pub(crate) mod scene_guard;
 pub(crate) mod static_maps;
 pub(crate) mod survey;
-mod witnesses;
 
 pub use outliers::OutlierConfig;
 pub use pixel_error::{KernelConfig, KernelKind};

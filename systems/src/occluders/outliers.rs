@@ -10,7 +10,6 @@
 use super::expected_error::ExpectedError;
 use super::scene_guard::{Marked, PhotoGeometry, STRICT, even_out, marks_of_the_scene};
 use super::static_maps::StaticMap;
-use super::witnesses::{Seen, Witnesses};
 use crate::limits::{positive, refuse, within};
 use crate::photo_model::PhotoAndRender;
 use engine::data::Dataset;
@@ -85,7 +84,7 @@ impl OutlierConfig {
 /// Squares along a side of the neighbourhood whose mean residual counts.
 pub(crate) const NEIGHBOURHOOD: usize = 3;
 /// Hysteresis: squares connected to a detected occluder join it above this share of the threshold.
-const WEAK: f32 = 0.4;
+pub(crate) const WEAK: f32 = 0.4;
 /// Gaps in an occluder of up to this many squares are part of it.
 const GAP: usize = 5;
 
@@ -107,14 +106,13 @@ impl Backdrop {
 }
 
 /// Residuals of the photos of a survey.
-#[derive(Default)]
 pub(crate) struct PhotoOutliers {
     expected: ExpectedError,
     photos: Vec<SurveyedPhoto>,
     backdrop: Backdrop,
     brightness: Brightness,
-    /// So many other photos must show what a marked square hides; 0: nobody asks.
-    witnesses: u32,
+    /// Share of the threshold above which squares join an occluder that they are connected to.
+    weak: f32,
 }
 
 /// Whether photos differ in brightness and tint.
@@ -178,12 +176,12 @@ pub(crate) fn mean_residuals(seen: &PhotoAndRender<'_>, side: usize) -> Vec<f32>
 
 impl PhotoOutliers {
     pub(crate) fn new(backdrop: Backdrop, brightness: Brightness) -> Self {
-        Self { backdrop, brightness, ..Self::default() }
+        Self { backdrop, brightness, weak: WEAK, expected: ExpectedError::default(), photos: Vec::new() }
     }
 
-    /// What is marked counts only where so many other photos show the place as it is rendered: see [`super::witnesses`].
-    pub(crate) fn with_witnesses(self, witnesses: u32) -> Self {
-        Self { witnesses, ..self }
+    /// Squares that are connected to an occluder join it above this share of the threshold.
+    pub(crate) fn with_weak(self, weak: f32) -> Self {
+        Self { weak, ..self }
     }
 
     /// Add a photo; they come in the order of the views.
@@ -203,31 +201,34 @@ impl PhotoOutliers {
     /// the photos.
     pub(crate) fn static_parts(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<StaticParts> {
         self.expected.settle(rule.quantile);
-        let expected = &self.expected;
-        let photos: Vec<(Marked, Kept)> = std::mem::take(&mut self.photos)
+        let (expected, weak) = (&self.expected, self.weak * threshold);
+        let photos: Vec<(Marked, Vec<f32>, Vec<u8>)> = std::mem::take(&mut self.photos)
             .into_par_iter()
             .map(|SurveyedPhoto { extent, stride, mut residuals, place, geometry, colours, evidence }| {
                 residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
                 let seed = mask_of(rule, threshold, extent, &residuals);
-                let marks = grown(extent, &residuals, threshold, &seed).iter().map(|bit| *bit == 0).collect();
-                let kept = Kept { extent, stride, residuals, seed, place };
-                (Marked { geometry, extent, stride, marks, colours, evidence }, kept)
+                let marks = grown(extent, &residuals, weak, &seed).iter().map(|bit| *bit == 0).collect();
+                (Marked { geometry, extent, stride, marks, colours, evidence }, residuals, seed)
             })
             .collect();
-        let (mut marked, kept): (Vec<Marked>, Vec<Kept>) = photos.into_iter().unzip();
-        let unknown = unknown(self.witnesses, &marked, &kept);
+        let (mut marked, kept): (Vec<Marked>, Vec<_>) = photos
+            .into_iter()
+            .map(|(marked, residuals, seed)| {
+                let place = (marked.extent, marked.stride);
+                (marked, (place, residuals, seed))
+            })
+            .unzip();
         if self.brightness == Brightness::Each {
             even_out(&mut marked);
         }
         let scene = marks_of_the_scene(marked, STRICT);
         kept.into_par_iter()
             .zip(scene)
-            .zip(unknown)
-            .map(|((Kept { extent, stride, mut residuals, mut seed, .. }, scene), unknown)| {
-                for (i, _) in scene.iter().zip(unknown).enumerate().filter(|(_, (scene, unknown))| **scene || *unknown) {
+            .map(|(((extent, stride), mut residuals, mut seed), scene)| {
+                for (i, _) in scene.iter().enumerate().filter(|(_, scene)| **scene) {
                     (residuals[i], seed[i]) = (0.0, 1);
                 }
-                let bits = grown(extent, &residuals, threshold, &seed);
+                let bits = grown(extent, &residuals, weak, &seed);
                 let map = |bits: Vec<u8>| StaticMap { width: extent.width, stride, bits };
                 StaticParts { whole: map(bits), seed: map(seed) }
             })
@@ -235,31 +236,11 @@ impl PhotoOutliers {
     }
 }
 
-/// What is kept of a photo while marks of all photos are compared.
-struct Kept {
-    extent: Extent,
-    stride: usize,
-    residuals: Vec<f32>,
-    seed: Vec<u8>,
-    place: Vec<[f32; 3]>,
-}
-
-/// The squares of each photo that hide nothing which enough other photos show.
-fn unknown(witnesses: u32, marked: &[Marked], kept: &[Kept]) -> Vec<Vec<bool>> {
-    if witnesses == 0 {
-        return kept.iter().map(|kept| vec![false; kept.place.len()]).collect();
-    }
-    let photos = marked.iter().zip(kept);
-    let seen = photos.map(|(photo, kept)| Seen { place: &kept.place, marks: &photo.marks, evidence: &photo.evidence });
-    let all = Witnesses::new(witnesses, seen);
-    kept.par_iter().map(|kept| kept.place.iter().map(|place| !all.know(*place)).collect()).collect()
-}
-
 /// What is static: all but what is certainly an occluder, what is connected to it, and gaps in both.
-fn grown(extent: Extent, residuals: &[f32], threshold: f32, seed: &[u8]) -> Vec<u8> {
+fn grown(extent: Extent, residuals: &[f32], weak: f32, seed: &[u8]) -> Vec<u8> {
     let fits = "one residual and one mask for each square, and an odd window";
     let (mut mask, mut bits) = (seed.to_vec(), vec![0; seed.len()]);
-    grow(extent, residuals, WEAK * threshold, &mut mask).expect(fits);
+    grow(extent, residuals, weak, &mut mask).expect(fits);
     close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
     bits
 }

@@ -3,7 +3,7 @@
 use super::seen::{BUDGET, seen};
 use crate::rays::RaySystem;
 use crate::views::outside::PhotoPixels;
-use crate::views::sky::free_points;
+use crate::views::sky;
 use crate::views::start::Place;
 use crate::views::{Views, first_of, positive, unless};
 use engine::data::Dataset;
@@ -62,8 +62,8 @@ impl ProxyTerms {
     }
 }
 
-/// What is farther than this share of the radius of the sphere of the sky is no surface of the scene.
-const NEARER: f64 = 0.25;
+/// There is sky where the field sees that far through this share of its places.
+const OPEN: f64 = 0.25;
 /// No more pixels are drawn for a seed.
 const MOST_DRAWN: usize = 16;
 /// So many steps the cloud is given before it is shown instead of the field, or as many as that had: at its first ones it is 6 dB behind
@@ -141,20 +141,19 @@ impl Proxied {
         self.add_sky(data, &places)
     }
 
-    /// Gaussians of the sky around a cloud that begins at `places`, where the field sees no surface.
+    /// Gaussians of the sky around a cloud that begins at `places`, where the field sees that there is anything beyond the scene.
     fn add_sky(&mut self, data: &Dataset, places: &[Place]) -> Result<(), SystemError> {
         let Some((count, field)) = self.terms.sky.zip(self.field.as_ref()) else { return Ok(()) };
         let places: Vec<_> = places.iter().map(|place| place.x).collect();
         let Some(sphere) = self.cloud.sky_around(&places, data, count) else { return Ok(()) };
-        let surface = (NEARER * sphere.radius()) as f32;
-        let free = free_points(data, &sphere.points(data), |rays| {
+        let reach = sphere.reach() as f32;
+        let sky = sky::shown(data, &sphere.points(data), |rays| {
             let depths = field.render(rays, &plain_query([0.0; 3], BUDGET)).median_depth;
-            if std::env::var("SKYDBG").is_ok() { let mut d: Vec<f32> = depths.clone(); d.sort_by(f32::total_cmp); let q=|s:f64| d.get((s*d.len() as f64) as usize).copied().unwrap_or(-1.0); eprintln!("n {} depths {:?} radius {}", d.len(), [0.0,0.1,0.25,0.5,0.75,0.9,0.99].map(q), sphere.radius()); }
-            depths.into_iter().map(|t| t >= surface).collect()
-        });
-        let free = free?;
-        if std::env::var("SKYDBG").is_ok() { eprintln!("sky: {} of {} points free", free.len(), sphere.points(data).len()); }
-        self.cloud.add_sky(&sphere, &free)
+            depths.into_iter().map(|t| t >= reach).collect()
+        })?;
+        // A field paints the sky on the inside of its box, at any depth beyond the scene: where there is sky at all, all of it is added.
+        let free = sky.iter().filter(|place| place.is_free).count();
+        if (free as f64) < OPEN * sky.len() as f64 { Ok(()) } else { self.cloud.add_sky(&sphere, &sky) }
     }
 
     /// What about `count` pixels of all photos see.

@@ -58,6 +58,8 @@ pub(crate) struct SkyPoint {
 pub(crate) struct SkyPlace {
     pub(crate) x: DVec3,
     pub(crate) rgb: [f32; 3],
+    /// Whether a photo shows nothing before it.
+    pub(crate) is_free: bool,
 }
 
 /// What a photo shows in the direction of a point.
@@ -89,9 +91,9 @@ impl SkySphere {
         count / 2 * 2 + 1
     }
 
-    /// World units.
-    pub(crate) fn radius(&self) -> f64 {
-        self.radius
+    /// How far the scene reaches, or its cameras do; world units.
+    pub(crate) fn reach(&self) -> f64 {
+        self.radius / FARTHER
     }
 
     /// Point `i` of `count`.
@@ -136,7 +138,7 @@ impl SkySphere {
         let apart = self.radius * (4.0 * PI / self.count as f64).sqrt();
         let room = places.len().min(most);
         let place = |k: usize| places[k * places.len() / room];
-        let one = |SkyPlace { x, rgb }: SkyPlace| NewGaussian {
+        let one = |SkyPlace { x, rgb, .. }: SkyPlace| NewGaussian {
             x: frame.to_internal(x).to_array(),
             size: apart / frame.scale,
             rgb,
@@ -148,16 +150,18 @@ impl SkySphere {
     }
 }
 
-/// The points that one of the photos shows nothing in front of, as `is_free` says of rays, with the mean colour of those photos there.
+/// Points as photos show them: in the mean colour of those that show nothing before them, as `is_free` says of rays, else of all that have
+/// them in the picture.
 ///
 /// # Errors
 /// [`SceneError`] for a photo that cannot be read.
-pub(crate) fn free_points(
+pub(crate) fn shown(
     data: &Dataset,
     points: &[SkyPoint],
     is_free: impl Fn(&[Ray]) -> Vec<bool>,
 ) -> Result<Vec<SkyPlace>, SceneError> {
-    let mut sums = vec![([0.0_f32; 3], 0.0_f32); points.len()];
+    // Of all photos, and of those with nothing before it: sums of colours, and how many there are.
+    let mut sums = vec![[([0.0_f32; 3], 0.0_f32); 2]; points.len()];
     for view in 0..data.len() {
         let of_view = |(k, point): (usize, &SkyPoint)| {
             point.pixels.iter().find(|pixel| pixel.view == view).map(|pixel| (k, pixel.at))
@@ -173,14 +177,19 @@ pub(crate) fn free_points(
             Some(((k, [x, y]), ray))
         };
         let (pixels, rays): (Vec<_>, Vec<_>) = pixels.into_iter().filter_map(ray).unzip();
-        for ((k, [x, y]), _) in pixels.into_iter().zip(is_free(&rays)).filter(|(_, free)| *free) {
-            let (sum, count) = &mut sums[k];
-            sum.iter_mut().zip(image.pixel(x, y)).for_each(|(sum, c)| *sum += f32::from(*c) / 255.0);
-            *count += 1.0;
+        for ((k, [x, y]), free) in pixels.into_iter().zip(is_free(&rays)) {
+            for (sum, count) in &mut sums[k][..1 + usize::from(free)] {
+                sum.iter_mut().zip(image.pixel(x, y)).for_each(|(sum, c)| *sum += f32::from(*c) / 255.0);
+                *count += 1.0;
+            }
         }
     }
-    let free = points.iter().zip(sums).filter(|(_, (_, count))| *count > 0.0);
-    Ok(free.map(|(point, (sum, count))| SkyPlace { x: point.x, rgb: sum.map(|x| x / count) }).collect())
+    let place = |(point, [all, free]): (&SkyPoint, [([f32; 3], f32); 2])| {
+        let is_free = free.1 > 0.0;
+        let (sum, count) = if is_free { free } else { all };
+        (count > 0.0).then(|| SkyPlace { x: point.x, rgb: sum.map(|x| x / count), is_free })
+    };
+    Ok(points.iter().zip(sums).filter_map(place).collect())
 }
 
 /// The pixel at a place of a photo, in its upper part.
@@ -232,22 +241,27 @@ mod tests {
     }
 
     #[test]
-    fn a_place_of_the_sky_has_the_mean_colour_of_photos_with_nothing_before_it() {
+    fn a_place_of_the_sky_has_the_mean_colour_of_the_photos_that_show_it() {
         let frames = made::frames(3, |k, _, _| [20 * k as u8, 100, 200, 255]);
         let (_, data) = made::scene(frames, Vec::new());
         let sphere = sphere(&data, 500);
         let points = sphere.points(&data);
-        let all = free_points(&data, &points, |rays| vec![true; rays.len()]).unwrap();
-        assert_eq!(all.len(), points.len());
-        for (place, point) in all.iter().zip(&points) {
-            let mean = point.pixels.iter().map(|pixel| 20.0 * pixel.view as f32).sum::<f32>() / point.pixels.len() as f32;
+        let all = shown(&data, &points, |rays| vec![true; rays.len()]).unwrap();
+        let none = shown(&data, &points, |rays| vec![false; rays.len()]).unwrap();
+        assert!(all.len() == points.len() && all.iter().all(|place| place.is_free));
+        for ((place, other), point) in all.iter().zip(&none).zip(&points) {
+            let mean =
+                point.pixels.iter().map(|pixel| 20.0 * pixel.view as f32).sum::<f32>() / point.pixels.len() as f32;
             assert!((255.0 * place.rgb[0] - mean).abs() < 0.01 && (255.0 * place.rgb[2] - 200.0).abs() < 0.01);
+            assert_eq!((place.x, place.rgb, other.is_free), (other.x, other.rgb, false));
         }
-        // Something is before it on one side.
-        let some = free_points(&data, &points, |rays| rays.iter().map(|ray| ray.d.x > 0.0).collect()).unwrap();
-        assert!(!some.is_empty() && some.len() < all.len());
-        assert!(some.iter().all(|place| place.x.x > sphere.centre.x));
-        assert!(free_points(&data, &points, |rays| vec![false; rays.len()]).unwrap().is_empty());
+        // Something is before it on one side: those of the other have the colours of the photos that see them free.
+        let some = shown(&data, &points, |rays| rays.iter().map(|ray| ray.d.x > 0.0).collect()).unwrap();
+        assert_eq!(some.len(), points.len());
+        for (place, point) in some.iter().zip(&points).filter(|(_, point)| point.x.x.abs() > 6.0) {
+            assert_eq!(place.is_free, point.x.x > sphere.centre.x, "{}", point.x);
+        }
+        assert!(shown(&data, &[], |_| Vec::new()).unwrap().is_empty());
     }
 
     #[test]
@@ -255,7 +269,7 @@ mod tests {
         let (_, data) = made::capture(made::Points::None);
         let (sphere, frame) = (sphere(&data, 1000), CloudFrame { centre: [0.0, 0.0, 1.0], scale: 3.3 });
         let places: Vec<SkyPlace> =
-            sphere.points(&data).iter().map(|point| SkyPlace { x: point.x, rgb: [0.2, 0.4, 0.6] }).collect();
+            sphere.points(&data).iter().map(|point| SkyPlace { x: point.x, rgb: [0.2, 0.4, 0.6], is_free: true }).collect();
         let cloud = sphere.gaussians(&places, &frame, 1, usize::MAX).unwrap();
         cloud.check().unwrap();
         assert_eq!(cloud.len(), places.len());

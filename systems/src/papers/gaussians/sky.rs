@@ -1,7 +1,7 @@
 //! Whether a cloud begins with Gaussians of the sky besides those of the scene.
 
 use crate::views::cloud_frame::CloudFrame;
-use crate::views::sky::{SkySphere, free_points};
+use crate::views::sky::{SkySphere, shown};
 use crate::views::start::Start;
 use crate::views::{MOST, first_of, refused, unless};
 use engine::data::Dataset;
@@ -14,9 +14,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum SkyChoice {
-    /// Where the field before the cloud sees no surface.
+    /// Where the field before the cloud sees that there is something beyond the scene.
     Auto,
-    /// The same; without a field wherever a photo may show the sky.
+    /// The same; without a field always.
     Yes,
     No,
 }
@@ -94,17 +94,17 @@ impl SkySettings {
             return none("no field says where nothing is in front of it (`--set sky=yes` has them all around)");
         }
         let count = self.sky_splats;
-        let shown = scene.sphere(count).map_or(0, |sphere| sphere.points(scene.data).len());
-        if shown == 0 {
+        let seen = scene.sphere(count).map_or(0, |sphere| sphere.points(scene.data).len());
+        if seen == 0 {
             return none("no photo has a place above the horizon in its upper part");
         }
         let (by, limit) = match scene.field {
-            true => (SkyBy::Field, ", those where the field sees no surface"),
+            true => (SkyBy::Field, ", unless the field sees surfaces of the scene there"),
             false => (SkyBy::Cameras, ""),
         };
         let of = SkySphere::odd(count);
         let line = format!(
-            "sky: Gaussians at {shown} of {of} points of a sphere far around the scene, which photos have in their upper part{limit}"
+            "sky: Gaussians at {seen} of {of} points of a sphere far around the scene, which photos have in their upper part{limit}"
         );
         SkyPlan { by: Some((by, count)), line: Some(line) }
     }
@@ -120,7 +120,7 @@ impl SkyPlan {
     pub(super) fn add_to(&self, start: &mut Start, scene: &BeforeSky<'_>, most: usize) -> Result<(), SystemError> {
         let Some((SkyBy::Cameras, count)) = self.by else { return Ok(()) };
         let Some(sphere) = scene.sphere(count) else { return Ok(()) };
-        let points = free_points(scene.data, &sphere.points(scene.data), |rays| vec![true; rays.len()])?;
+        let points = shown(scene.data, &sphere.points(scene.data), |rays| vec![true; rays.len()])?;
         start.add_sky(&sphere, &points, scene.frame, most).map_err(refused)
     }
 }
