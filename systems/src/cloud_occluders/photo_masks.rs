@@ -162,7 +162,8 @@ mod tests {
             frame.camera.lens = Lens::opencv5([bent, 0.0, 0.0, 0.0, 0.0]);
         });
         let (_, data) = made::scene(frames, Vec::new());
-        let (settings, outliers) = (MaskSettings { judge_first: 4, judge_every: 12, judge_grow: 0.4 }, OutlierConfig::of_photos(made::SIDE));
+        let (settings, outliers) =
+            (MaskSettings { judge_first: 4, judge_every: 12, judge_grow: 0.4 }, OutlierConfig::of_photos(made::SIDE));
         PhotoMasks::new(settings, outliers, Backdrop::default(), Brightness::Same, &data)
     }
 

@@ -94,7 +94,10 @@ impl RenderJudge for VisibilityJudge {
 
     /// As at the end of the schedule.
     fn static_pixels(&self, beside: &Beside<'_>) -> Vec<f32> {
-        self.visibility(self.settings.weight(1.0), beside).into_iter().map(|v| if v > SHOWS { 1.0 } else { 0.0 }).collect()
+        self.visibility(self.settings.weight(1.0), beside)
+            .into_iter()
+            .map(|v| if v > SHOWS { 1.0 } else { 0.0 })
+            .collect()
     }
 }
 

@@ -102,13 +102,8 @@ impl VisibilityHead {
 
     /// What the network says of a photo; `None` where there is no pixel.
     fn see(&self, beside: &Beside<'_>, memory: &mut MapMemory) -> Option<Seen> {
-        let photo = SeenPhoto {
-            size: beside.size,
-            colour: beside.photo,
-            weights: beside.before,
-            view: None,
-            depth: None,
-        };
+        let photo =
+            SeenPhoto { size: beside.size, colour: beside.photo, weights: beside.before, view: None, depth: None };
         let small = Reference::of(&photo, self.head.head_side)?;
         let map = self.network.forward(&self.params.values, &small.pixels, memory);
         let map: Vec<f32> = map.iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect();

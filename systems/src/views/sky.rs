@@ -268,8 +268,11 @@ mod tests {
     fn gaussians_are_as_large_as_they_are_apart_and_no_more_than_there_is_room_for() {
         let (_, data) = made::capture(made::Points::None);
         let (sphere, frame) = (sphere(&data, 1000), CloudFrame { centre: [0.0, 0.0, 1.0], scale: 3.3 });
-        let places: Vec<SkyPlace> =
-            sphere.points(&data).iter().map(|point| SkyPlace { x: point.x, rgb: [0.2, 0.4, 0.6], is_free: true }).collect();
+        let places: Vec<SkyPlace> = sphere
+            .points(&data)
+            .iter()
+            .map(|point| SkyPlace { x: point.x, rgb: [0.2, 0.4, 0.6], is_free: true })
+            .collect();
         let cloud = sphere.gaussians(&places, &frame, 1, usize::MAX).unwrap();
         cloud.check().unwrap();
         assert_eq!(cloud.len(), places.len());
@@ -277,7 +280,8 @@ mod tests {
         for i in 0..n {
             let x = [0, 1, 2].map(|axis| cloud.mean[axis * n + i]);
             assert!(x.iter().map(|x| x * x).sum::<f32>() > FAR * FAR);
-            let nearest = (0..n).filter(|j| *j != i).map(|j| places[i].x.distance(places[j].x)).fold(f64::MAX, f64::min);
+            let nearest =
+                (0..n).filter(|j| *j != i).map(|j| places[i].x.distance(places[j].x)).fold(f64::MAX, f64::min);
             let size = f64::from(cloud.log_scale[i].exp()) * frame.scale;
             assert!(size > 0.7 * nearest && size < 2.5 * nearest, "{size} {nearest}");
         }

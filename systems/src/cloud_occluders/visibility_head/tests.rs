@@ -34,9 +34,8 @@ fn loss(logits: &[f64], beside: &Beside<'_>) -> f64 {
         if beside.before.is_some_and(|before| before[i] == 0.0) {
             continue;
         }
-        let place = |at: usize, n: usize| {
-            ((at as f64 + 0.5) * side as f64 / n as f64 - 0.5).clamp(0.0, side as f64 - 1.0)
-        };
+        let place =
+            |at: usize, n: usize| ((at as f64 + 0.5) * side as f64 / n as f64 - 0.5).clamp(0.0, side as f64 - 1.0);
         let (x, y) = (place(i % SIZE[0], SIZE[0]), place(i / SIZE[0], SIZE[1]));
         let v: f64 = (0..side * side).map(|k| map[k] * share(k % side, x) * share(k / side, y)).sum();
         let error = |c: usize| f64::from(beside.render[c * PIXELS + i] - beside.photo[c * PIXELS + i]).abs();

@@ -13,8 +13,8 @@
 //! ```
 //!
 //! Here `M` and `D` are one network that gives a factor and a summand for the colour `c_i(d)` of the spherical harmonics, which are thus
-//! what a Gaussian is by itself: [`crate::cloud_maps`]. `V` is what costs least for each pixel, in closed form:
-//! [`crate::cloud_occluders`]. What differs, and why: `docs/decisions/0063-gs-w.md`.
+//! what a Gaussian is by itself: [`crate::cloud_maps`]; it sees `d` where that is asked for. `V` is learnt by a network of its own, or is what
+//! costs least for each pixel, in closed form: [`crate::cloud_occluders`]. What differs, and why: `docs/decisions/0063-gs-w.md`.
 
 use super::photos::PhotoParts;
 use super::recipe::Recipe;
@@ -36,8 +36,8 @@ pub(crate) const CLAIM: Claim = Claim {
     take: "photos of many people, to look around in the appearance of any photo, without a fit",
     differs: "The cloud is that of `splat` here. Maps are 32 pixels wide, of a small network that nothing was learnt before; one \
               network of two layers turns colours of spherical harmonics of degree 1 instead of making them. Occluders are masks found \
-              in whole photos, as `wild-gaussians` here has them; `--set occluders=visibility` is the paper's map, pixel by pixel in \
-              closed form.",
+              in whole photos, as `wild-gaussians` here has them; `--set occluders=visibility_head` learns the paper's map, by a network \
+              of its own.",
     mark: "small networks, tones instead of colours, own masks",
 };
 

@@ -95,7 +95,8 @@ impl Recipe {
         let sky = asked.photos.as_ref().map(|photos| photos.sky(&before));
         lines.extend(sky.as_ref().and_then(|sky| sky.line.clone()));
         let of_field = sky.as_ref().and_then(SkyPlan::of_field);
-        let field = field.map(|terms| FieldBefore { terms: ProxyTerms { sky: of_field, ..terms }, refill, seeing, codes });
+        let field =
+            field.map(|terms| FieldBefore { terms: ProxyTerms { sky: of_field, ..terms }, refill, seeing, codes });
         let mut start = at.start(cloud, &layout, &asked.frame, data, seeing, run.seed)?;
         sky.map_or(Ok(()), |sky| sky.add_to(&mut start, &before, cloud.max_splats))?;
         let mut training = asked.training;
