@@ -13,8 +13,8 @@
 //! ```
 //!
 //! Here `M` and `D` are one network that gives a factor and a summand for the colour `c_i(d)` of the spherical harmonics, which are thus
-//! what a Gaussian is by itself: [`crate::cloud_maps`]; it sees `d` where that is asked for. `V` is learnt by a network of its own, or is what
-//! costs least for each pixel, in closed form: [`crate::cloud_occluders`]. What differs, and why: `docs/decisions/0063-gs-w.md`.
+//! what a Gaussian is by itself: [`crate::cloud_maps`]; it sees `d` itself where that is asked for. `V` is learnt by a network of its own, or
+//! is what costs least for each pixel, in closed form: [`crate::cloud_occluders`]. What differs, and why: `docs/decisions/0063-gs-w.md`.
 
 use super::photos::PhotoParts;
 use super::recipe::Recipe;

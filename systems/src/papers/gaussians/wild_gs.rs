@@ -15,8 +15,9 @@
 //! ```
 //!
 //! Printed are `SSIM` and `r` where `1 - SSIM` and `1 - r` are meant. Here `F` is a network that gives a factor and a summand for the
-//! colour `c_i(d)` of the spherical harmonics, which is thus what a Gaussian is by itself: [`crate::cloud_triplane`]. The mask is learnt by
-//! a network of its own, or is what costs least for each pixel, in closed form: [`crate::cloud_occluders`]. What differs, and why: `docs/decisions/0067-wild-gs.md`.
+//! colour `c_i(d)` of the spherical harmonics, which is thus what a Gaussian is by itself: [`crate::cloud_triplane`]. The mask is learnt by a
+//! network of its own, or is what costs least for each pixel, in closed form: [`crate::cloud_occluders`]. What differs, and why:
+//! `docs/decisions/0067-wild-gs.md`.
 
 use super::photos::{DepthSettings, PhotoParts};
 use super::recipe::Recipe;
