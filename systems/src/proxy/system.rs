@@ -129,7 +129,7 @@ impl Proxied {
         let mut points = self.see_spread(data, seeds)?;
         // Where the field sees nothing, the start that was planned stays.
         if points.is_empty() {
-            return Ok(());
+            return self.add_sky(data, &[]);
         }
         if points.len() < seeds {
             let more = (seeds.saturating_mul(seeds) / points.len()).min(seeds.saturating_mul(MOST_DRAWN));
@@ -145,7 +145,7 @@ impl Proxied {
     fn add_sky(&mut self, data: &Dataset, places: &[Place]) -> Result<(), SystemError> {
         let Some((count, field)) = self.terms.sky.zip(self.field.as_ref()) else { return Ok(()) };
         let places: Vec<_> = places.iter().map(|place| place.x).collect();
-        let Some(sphere) = self.cloud.sky_around(&places, data, count) else { return Ok(()) };
+        let sphere = self.cloud.sky_around(&places, data, count);
         let reach = sphere.reach() as f32;
         let sky = sky::shown(data, &sphere.points(data), |rays| {
             let depths = field.render(rays, &plain_query([0.0; 3], BUDGET)).median_depth;

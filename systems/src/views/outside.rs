@@ -116,8 +116,8 @@ impl Views {
         self.smooth_anew()
     }
 
-    /// A sphere for Gaussians of the sky around places of the first cloud; `None` without places.
-    pub(crate) fn sky_around(&self, places: &[DVec3], data: &Dataset, count: usize) -> Option<SkySphere> {
+    /// A sphere for Gaussians of the sky around places of the first cloud.
+    pub(crate) fn sky_around(&self, places: &[DVec3], data: &Dataset, count: usize) -> SkySphere {
         SkySphere::around(places, &self.parts.frame, data, count)
     }
 

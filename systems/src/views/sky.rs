@@ -72,18 +72,21 @@ pub(crate) struct SkyPixel {
 }
 
 impl SkySphere {
-    /// About `count` points around places of a scene, ten times as far as most of them reach, and as the cameras of `frame` do.
-    /// `None` without places.
-    pub(crate) fn around(places: &[DVec3], frame: &CloudFrame, data: &Dataset, count: usize) -> Option<Self> {
+    /// About `count` points around places of a scene, ten times as far as most of them reach, and as the cameras of `frame` do; around the
+    /// cameras where there is no place.
+    pub(crate) fn around(places: &[DVec3], frame: &CloudFrame, data: &Dataset, count: usize) -> Self {
         let finite = || places.iter().copied().filter(|x| x.is_finite());
         let n = finite().count();
-        let centre = finite().sum::<DVec3>() / n.max(1) as f64;
+        let centre = match n {
+            0 => DVec3::from(frame.centre),
+            _ => finite().sum::<DVec3>() / n as f64,
+        };
         let mut far: Vec<f64> = finite().map(|x| x.distance(centre)).collect();
-        let at = ((WITHIN * n as f64) as usize).min(n.checked_sub(1)?);
-        let reach = *far.select_nth_unstable_by(at, f64::total_cmp).1;
+        far.sort_unstable_by(f64::total_cmp);
+        let reach = far.get((WITHIN * n as f64) as usize).copied().unwrap_or(0.0);
         let poses: Vec<_> = data.views().iter().map(|view| view.camera.pose).collect();
         let radius = FARTHER * reach.max(frame.scale);
-        Some(Self { centre, radius, up: up_axis(&poses), count: Self::odd(count) })
+        Self { centre, radius, up: up_axis(&poses), count: Self::odd(count) }
     }
 
     /// The number of points that is taken for `count`.
@@ -207,7 +210,7 @@ mod tests {
 
     fn sphere(data: &Dataset, count: usize) -> SkySphere {
         let frame = CloudFrame { centre: [0.0, 0.0, 1.0], scale: 3.3 };
-        SkySphere::around(&PLACES, &frame, data, count).unwrap()
+        SkySphere::around(&PLACES, &frame, data, count)
     }
 
     #[test]
@@ -288,8 +291,9 @@ mod tests {
         assert_eq!(sphere.gaussians(&places, &frame, 1, 7).unwrap().len(), 7);
         assert!(sphere.gaussians(&places, &frame, 1, 0).unwrap().is_empty());
         assert!(sphere.gaussians(&[], &frame, 1, 9).unwrap().is_empty());
-        assert!(SkySphere::around(&[], &frame, &data, 9).is_none());
-        let nan = SkySphere::around(&[DVec3::NAN, DVec3::ZERO], &frame, &data, 9).unwrap();
+        let around_cameras = SkySphere::around(&[], &frame, &data, 9);
+        assert_eq!((around_cameras.centre, around_cameras.radius), (DVec3::Z, 33.0));
+        let nan = SkySphere::around(&[DVec3::NAN, DVec3::ZERO], &frame, &data, 9);
         assert_eq!((nan.centre, nan.radius), (DVec3::ZERO, 33.0));
     }
 }

@@ -72,11 +72,9 @@ pub(super) struct BeforeSky<'a> {
 
 impl BeforeSky<'_> {
     /// A sphere around the points, or around the cameras where there are none.
-    fn sphere(&self, count: usize) -> Option<SkySphere> {
+    fn sphere(&self, count: usize) -> SkySphere {
         let points: Vec<DVec3> = self.points.iter().map(|point| point.xyz).collect();
-        let cameras = || self.data.views().iter().map(|view| view.camera.pose.c).collect::<Vec<_>>();
-        let around = |places: &[DVec3]| SkySphere::around(places, self.frame, self.data, count);
-        around(&points).or_else(|| around(&cameras()))
+        SkySphere::around(&points, self.frame, self.data, count)
     }
 }
 
@@ -94,7 +92,7 @@ impl SkySettings {
             return none("no field says where nothing is in front of it (`--set sky=yes` has them all around)");
         }
         let count = self.sky_splats;
-        let seen = scene.sphere(count).map_or(0, |sphere| sphere.points(scene.data).len());
+        let seen = scene.sphere(count).points(scene.data).len();
         if seen == 0 {
             return none("no photo has a place above the horizon in its upper part");
         }
@@ -119,7 +117,7 @@ impl SkyPlan {
     /// Add the sky that cameras alone say to a cloud at its start, as much as there is room for.
     pub(super) fn add_to(&self, start: &mut Start, scene: &BeforeSky<'_>, most: usize) -> Result<(), SystemError> {
         let Some((SkyBy::Cameras, count)) = self.by else { return Ok(()) };
-        let Some(sphere) = scene.sphere(count) else { return Ok(()) };
+        let sphere = scene.sphere(count);
         let points = shown(scene.data, &sphere.points(scene.data), |rays| vec![true; rays.len()])?;
         start.add_sky(&sphere, &points, scene.frame, most).map_err(refused)
     }
