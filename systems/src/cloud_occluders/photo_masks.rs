@@ -5,7 +5,7 @@ use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig, PhotoOutli
 use crate::occluders::static_maps::{StaticMap, StaticMaps};
 use crate::occluders::survey::{is_doubled, survey_stride};
 use crate::photo_model::PhotoAndRender;
-use crate::views::{StepPhoto, SurveyJudge, Weights, first_of, nearest, source, unless};
+use crate::views::{StepPhoto, SurveyJudge, Weights, nearest, source};
 use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap};
 use glam::DVec2;
@@ -24,8 +24,6 @@ pub(crate) struct MaskSettings {
     pub(crate) judge_first: u64,
     /// but never more than so many steps apart: what is known now may be left out no longer.
     pub(crate) judge_every: u64,
-    /// What is connected to an occluder belongs to it above this share of the residual that says so.
-    pub(crate) judge_grow: f32,
 }
 
 impl MaskSettings {
@@ -33,9 +31,7 @@ impl MaskSettings {
     /// [`SystemError::Config`] naming the setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
         at_least_1("judge_first", self.judge_first)?;
-        at_least_1("judge_every", self.judge_every)?;
-        let grow = self.judge_grow;
-        first_of([unless(grow > 0.0 && grow <= 1.0, "judge_grow", grow, "must be above 0, and at most 1")])
+        at_least_1("judge_every", self.judge_every)
     }
 }
 
@@ -65,7 +61,7 @@ impl PhotoMasks {
         Self {
             settings,
             outliers,
-            judge: PhotoOutliers::new(backdrop, brightness).with_weak(settings.judge_grow),
+            judge: PhotoOutliers::new(backdrop, brightness),
             stride: survey_stride(data),
             cameras: data.views().iter().map(|view| view.camera).collect(),
             seen: StaticMaps::default(),
@@ -163,7 +159,7 @@ mod tests {
         });
         let (_, data) = made::scene(frames, Vec::new());
         let (settings, outliers) =
-            (MaskSettings { judge_first: 4, judge_every: 12, judge_grow: 0.4 }, OutlierConfig::of_photos(made::SIDE));
+            (MaskSettings { judge_first: 4, judge_every: 12 }, OutlierConfig::of_photos(made::SIDE));
         PhotoMasks::new(settings, outliers, Backdrop::default(), Brightness::Same, &data)
     }
 
@@ -225,12 +221,7 @@ mod tests {
         let judge = judge(0.0);
         let steps: Vec<u64> = (0..50).filter(|step| judge.survey(*step).is_some()).collect();
         assert_eq!(steps, [4, 8, 12, 16, 24, 32, 36, 48]);
-        for bad in [
-            MaskSettings { judge_first: 0, judge_every: 1, judge_grow: 0.4 },
-            MaskSettings { judge_first: 1, judge_every: 0, judge_grow: 0.4 },
-            MaskSettings { judge_first: 1, judge_every: 1, judge_grow: 0.0 },
-            MaskSettings { judge_first: 1, judge_every: 1, judge_grow: 1.1 },
-        ] {
+        for bad in [MaskSettings { judge_first: 0, judge_every: 1 }, MaskSettings { judge_first: 1, judge_every: 0 }] {
             assert!(bad.check().is_err(), "{bad:?}");
         }
     }

@@ -84,7 +84,7 @@ impl OutlierConfig {
 /// Squares along a side of the neighbourhood whose mean residual counts.
 pub(crate) const NEIGHBOURHOOD: usize = 3;
 /// Hysteresis: squares connected to a detected occluder join it above this share of the threshold.
-pub(crate) const WEAK: f32 = 0.4;
+const WEAK: f32 = 0.4;
 /// Gaps in an occluder of up to this many squares are part of it.
 const GAP: usize = 5;
 
@@ -106,13 +106,12 @@ impl Backdrop {
 }
 
 /// Residuals of the photos of a survey.
+#[derive(Default)]
 pub(crate) struct PhotoOutliers {
     expected: ExpectedError,
     photos: Vec<SurveyedPhoto>,
     backdrop: Backdrop,
     brightness: Brightness,
-    /// Share of the threshold above which squares join an occluder that they are connected to.
-    weak: f32,
 }
 
 /// Whether photos differ in brightness and tint.
@@ -176,12 +175,7 @@ pub(crate) fn mean_residuals(seen: &PhotoAndRender<'_>, side: usize) -> Vec<f32>
 
 impl PhotoOutliers {
     pub(crate) fn new(backdrop: Backdrop, brightness: Brightness) -> Self {
-        Self { backdrop, brightness, weak: WEAK, expected: ExpectedError::default(), photos: Vec::new() }
-    }
-
-    /// Squares that are connected to an occluder join it above this share of the threshold.
-    pub(crate) fn with_weak(self, weak: f32) -> Self {
-        Self { weak, ..self }
+        Self { backdrop, brightness, ..Self::default() }
     }
 
     /// Add a photo; they come in the order of the views.
@@ -201,13 +195,13 @@ impl PhotoOutliers {
     /// the photos.
     pub(crate) fn static_parts(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<StaticParts> {
         self.expected.settle(rule.quantile);
-        let (expected, weak) = (&self.expected, self.weak * threshold);
+        let expected = &self.expected;
         let photos: Vec<(Marked, Vec<f32>, Vec<u8>)> = std::mem::take(&mut self.photos)
             .into_par_iter()
             .map(|SurveyedPhoto { extent, stride, mut residuals, place, geometry, colours, evidence }| {
                 residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
                 let seed = mask_of(rule, threshold, extent, &residuals);
-                let marks = grown(extent, &residuals, weak, &seed).iter().map(|bit| *bit == 0).collect();
+                let marks = grown(extent, &residuals, threshold, &seed).iter().map(|bit| *bit == 0).collect();
                 (Marked { geometry, extent, stride, marks, colours, evidence }, residuals, seed)
             })
             .collect();
@@ -228,7 +222,7 @@ impl PhotoOutliers {
                 for (i, _) in scene.iter().enumerate().filter(|(_, scene)| **scene) {
                     (residuals[i], seed[i]) = (0.0, 1);
                 }
-                let bits = grown(extent, &residuals, weak, &seed);
+                let bits = grown(extent, &residuals, threshold, &seed);
                 let map = |bits: Vec<u8>| StaticMap { width: extent.width, stride, bits };
                 StaticParts { whole: map(bits), seed: map(seed) }
             })
@@ -237,10 +231,10 @@ impl PhotoOutliers {
 }
 
 /// What is static: all but what is certainly an occluder, what is connected to it, and gaps in both.
-fn grown(extent: Extent, residuals: &[f32], weak: f32, seed: &[u8]) -> Vec<u8> {
+fn grown(extent: Extent, residuals: &[f32], threshold: f32, seed: &[u8]) -> Vec<u8> {
     let fits = "one residual and one mask for each square, and an odd window";
     let (mut mask, mut bits) = (seed.to_vec(), vec![0; seed.len()]);
-    grow(extent, residuals, weak, &mut mask).expect(fits);
+    grow(extent, residuals, WEAK * threshold, &mut mask).expect(fits);
     close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
     bits
 }

@@ -115,8 +115,9 @@ impl AskedOccluders {
         match self {
             Self::None => "occluders: none are left out".to_owned(),
             Self::Photos(masks, _) => format!(
-                "occluders: masks, found by comparing all photos with their renders after {} steps of the cloud, and after twice as many, and so on",
-                masks.judge_first
+                "occluders: masks, found by comparing all photos with their renders after {} steps of the cloud, after twice as many, and so on, \
+                 and every {} steps",
+                masks.judge_first, masks.judge_every
             ),
             Self::Residual(judge) => format!(
                 "occluders: from step {} of the cloud on, what has not the structure of its photo is left out",

@@ -23,7 +23,6 @@ use crate::claims::Claim;
 use crate::cloud_appearance::{CloudAppearance, ToneSettings};
 use crate::cloud_occluders::{CloudOccluders, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, StructureSettings};
 use crate::cloud_triplane::TriplaneSettings;
-use crate::occluders::outliers::WEAK;
 use crate::plan::{Ask, Built};
 use crate::views::{L1DssimConfig, Structure};
 
@@ -72,7 +71,7 @@ pub(super) const PHOTOS: PhotoParts = PhotoParts {
     sh_degree: 1,
     structure: Structure::Plain,
     occluders: CloudOccluders::Photos,
-    masks: MaskSettings { judge_first: 100, judge_every: 200, judge_grow: WEAK },
+    masks: MaskSettings { judge_first: 100, judge_every: 200 },
     judge: JUDGE,
     errors: ERRORS,
     features: FEATURES,

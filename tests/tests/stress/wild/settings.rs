@@ -69,8 +69,7 @@ const ACCEPTED: [(&str, &str); 13] = [
         judge_scale=1e-38 judge_scale=3e38 trim_quantile=0.0 trim_quantile=1.0 patch=4 patch=256
         occluders=residual+judge_from=0.0+judge_warmup=0.0 occluders=residual+judge_warmup=1.0
         occluders=residual+uncertainty_weight=2.0 occluders=residual+uncertainty_weight=1e-38
-        occluders=errors occluders=auto judge_every=1 judge_every=9223372036854775807 judge_grow=1e-38
-        judge_grow=1.0 sky=yes sky=no sky=auto sky=yes+sky_splats=1 sky=yes+sky_splats=100000",
+        occluders=errors occluders=auto judge_every=1 judge_every=9223372036854775807 sky=yes sky=no sky=auto sky=yes+sky_splats=1 sky=yes+sky_splats=100000",
     ),
     (
         "spotless",
