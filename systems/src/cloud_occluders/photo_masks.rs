@@ -100,7 +100,7 @@ fn on_plane(map: &StaticMap, camera: &Camera) -> StaticMap {
 
 impl SurveyJudge for PhotoMasks {
     fn survey(&self, step: u64) -> Option<u32> {
-        let MaskSettings { judge_first, judge_every, .. } = self.settings;
+        let MaskSettings { judge_first, judge_every } = self.settings;
         let is_due = step > judge_first && step.is_multiple_of(judge_every);
         (is_doubled(step, judge_first) || is_due).then_some(self.stride)
     }

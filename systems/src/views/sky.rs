@@ -283,8 +283,8 @@ mod tests {
         for i in 0..n {
             let x = [0, 1, 2].map(|axis| cloud.mean[axis * n + i]);
             assert!(x.iter().map(|x| x * x).sum::<f32>() > FAR * FAR);
-            let nearest =
-                (0..n).filter(|j| *j != i).map(|j| places[i].x.distance(places[j].x)).fold(f64::MAX, f64::min);
+            let others = (0..sphere.count).map(|k| sphere.point(k).distance(places[i].x)).filter(|far| *far > 0.0);
+            let nearest = others.fold(f64::MAX, f64::min);
             let size = f64::from(cloud.log_scale[i].exp()) * frame.scale;
             assert!(size > 0.7 * nearest && size < 2.5 * nearest, "{size} {nearest}");
         }
