@@ -280,10 +280,10 @@ mod tests {
         cloud.check().unwrap();
         assert_eq!(cloud.len(), places.len());
         let n = cloud.len();
-        for i in 0..n {
+        for (i, place) in places.iter().enumerate() {
             let x = [0, 1, 2].map(|axis| cloud.mean[axis * n + i]);
             assert!(x.iter().map(|x| x * x).sum::<f32>() > FAR * FAR);
-            let others = (0..sphere.count).map(|k| sphere.point(k).distance(places[i].x)).filter(|far| *far > 0.0);
+            let others = (0..sphere.count).map(|k| sphere.point(k).distance(place.x)).filter(|far| *far > 0.0);
             let nearest = others.fold(f64::MAX, f64::min);
             let size = f64::from(cloud.log_scale[i].exp()) * frame.scale;
             assert!(size > 0.7 * nearest && size < 2.5 * nearest, "{size} {nearest}");
