@@ -46,7 +46,7 @@ fn cloud() -> Gaussians {
 
 fn seen<'a>(gaussians: &'a Gaussians, extra: &'a [f32], visible: &'a [ProjectedGaussian]) -> VisibleCloud<'a> {
     let cloud = DrawnCloud { index: 0, gaussians, extra, composited: 0, degree: 1 };
-    VisibleCloud { cloud, gaussians: visible }
+    VisibleCloud { cloud, gaussians: visible, eye: None }
 }
 
 /// All but the second Gaussian, from the last to the first.

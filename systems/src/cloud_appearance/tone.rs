@@ -143,7 +143,7 @@ impl Tone {
 
     /// What the network sees of Gaussians: `[INPUTS][n]`.
     fn inputs<'x>(seen: VisibleCloud<'_>, x: &'x mut Vec<f32>) -> &'x [f32] {
-        let VisibleCloud { cloud, gaussians: visible } = seen;
+        let VisibleCloud { cloud, gaussians: visible, .. } = seen;
         let (n, all) = (visible.len(), cloud.gaussians.len());
         let x = sized(x, INPUTS * n);
         let rows = cloud.gaussians.dc.chunks_exact(all.max(1)).take(3);

@@ -19,6 +19,9 @@ pub(crate) struct MapSettings {
     pub(crate) tone_width: usize,
     /// Factor of what the network gives: how fast a tone leaves that of the cloud.
     pub(crate) tone_scale: f32,
+    /// Whether a tone depends on the direction that a Gaussian is seen along; such an appearance cannot be written for other programs as it
+    /// is, only as seen from nowhere.
+    pub(crate) tone_direction: bool,
     /// Weight of what places outside of the maps cost.
     pub(crate) sample_weight: f32,
     /// Learning rate of what each Gaussian is, and of its places in the maps; it fades as those of the cloud do.
@@ -54,6 +57,7 @@ impl MapSettings {
             tone_scale: self.tone_scale,
             tone_lr: self.tone_lr,
             encoder_lr: self.encoder_lr,
+            directed: self.tone_direction,
         }
     }
 

@@ -5,7 +5,7 @@ use crate::cloud_reference::test_scene::{
     N, SCALE, Twin, WIDTH, bilinear, check_definition, cloud, colours, random_tones, seen, view, visible, wide,
 };
 use crate::cloud_reference::{CAMERA, Tap, Texels, camera_rows};
-use crate::views::{ColourAppearance, ColourBars, PlaceCodes, SamplePlaces};
+use crate::views::{ColourAppearance, ColourBars, PlaceCodes, SamplePlaces, VisibleCloud};
 use engine::system::Appearance;
 use field_core::rng::Rng;
 use splat_core::Gaussians;
@@ -24,6 +24,7 @@ pub(super) const SETTINGS: MapSettings = MapSettings {
     map_channels: CHANNELS,
     tone_width: WIDTH,
     tone_scale: SCALE,
+    tone_direction: false,
     sample_weight: 0.0,
     place_code_lr: 0.01,
     tone_lr: 0.01,
@@ -86,6 +87,37 @@ fn colours_and_their_gradients_are_those_of_the_definition() {
     }
     // The camera is not learnt.
     assert_eq!(found.code[MAPS..], [0.0; CAMERA]);
+}
+
+/// The same, and the direction from the camera.
+fn features_and_direction(twin: &Twin, i: usize) -> Vec<f64> {
+    let (cloud, view) = (cloud(), view());
+    let d = [0, 1, 2].map(|k| f64::from(cloud.mean[k * N + i]) + f64::from(view.t[k]));
+    let length = d.iter().map(|x| x * x).sum::<f64>().sqrt();
+    features(twin, i).into_iter().chain(d.map(|x| x / length)).collect()
+}
+
+#[test]
+fn tones_that_know_the_direction_are_those_of_the_definition() {
+    let settings = MapSettings { tone_direction: true, ..SETTINGS };
+    let (gaussians, code, visible) = (cloud(), code(), visible());
+    let extra = extra(&gaussians);
+    let mut maps = maps(settings);
+    let found = check_definition(&mut maps, &extra, &code, features_and_direction);
+    let error = found.worst(&found.code[..MAPS], |twin| &mut twin.code[..MAPS]);
+    assert!(error < 1e-4, "maps: {error}");
+    // From elsewhere it has another tone, from nowhere one as well.
+    let of_code = Appearance::Code(Arc::from(&code[..]));
+    let shown = |eye: Option<[f32; 3]>| {
+        let mut rgb = colours(1);
+        maps.forward(&of_code, VisibleCloud { eye, ..seen(&gaussians, &extra, &visible) }, &mut rgb);
+        rgb
+    };
+    assert!(shown(Some([3.0, 0.0, 0.0])) != shown(Some([0.0, 3.0, 0.0])));
+    assert!(shown(None).as_flattened().iter().all(|x| x.is_finite()));
+    // Where the camera is in a Gaussian it has no direction.
+    let first = [0, 1, 2].map(|k| gaussians.mean[k * N]);
+    assert!(shown(Some(first)).as_flattened().iter().all(|x| x.is_finite()));
 }
 
 #[test]

@@ -6,6 +6,7 @@
 //! | `residual`: by the structure of one photo and its render, in each step | [`structure`] |
 //! | `errors`, `features`: by errors of one photo, and what errors and features of the last photos say of them | [`spotless`] |
 //! | `visibility`: by the colours of one photo and its render, in each step | [`visibility`] |
+//! | `visibility_head`: as a network says of the photo, which learns where colours are off | [`visibility_head`] |
 
 mod error_histogram;
 mod feature_network;
@@ -16,6 +17,7 @@ mod spotless;
 mod structure;
 mod structure_parts;
 mod visibility;
+mod visibility_head;
 
 pub(crate) use photo_features::PhotoFeatures;
 pub(crate) use photo_masks::{MaskSettings, PhotoMasks};
@@ -23,3 +25,4 @@ pub(crate) use settings::{CloudOccluders, OccluderChoice};
 pub(crate) use spotless::{ErrorJudge, ErrorMaskSettings, FeatureMaskSettings};
 pub(crate) use structure::{StructureJudge, StructureSettings};
 pub(crate) use visibility::{VisibilityJudge, VisibilitySettings};
+pub(crate) use visibility_head::{HeadSettings, VisibilityHead};

@@ -20,15 +20,18 @@ const SEEN: &str = "masks.photos";
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct MaskSettings {
-    /// Steps before masks are found first; the next are after twice as many, and so on.
+    /// Steps before masks are found first; the next are after twice as many, and so on,
     pub(crate) judge_first: u64,
+    /// but never more than so many steps apart: what is known now may be left out no longer.
+    pub(crate) judge_every: u64,
 }
 
 impl MaskSettings {
     /// # Errors
     /// [`SystemError::Config`] naming the setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
-        at_least_1("judge_first", self.judge_first)
+        at_least_1("judge_first", self.judge_first)?;
+        at_least_1("judge_every", self.judge_every)
     }
 }
 
@@ -97,7 +100,9 @@ fn on_plane(map: &StaticMap, camera: &Camera) -> StaticMap {
 
 impl SurveyJudge for PhotoMasks {
     fn survey(&self, step: u64) -> Option<u32> {
-        is_doubled(step, self.settings.judge_first).then_some(self.stride)
+        let MaskSettings { judge_first, judge_every } = self.settings;
+        let is_due = step > judge_first && step.is_multiple_of(judge_every);
+        (is_doubled(step, judge_first) || is_due).then_some(self.stride)
     }
 
     fn see(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) {
@@ -153,7 +158,8 @@ mod tests {
             frame.camera.lens = Lens::opencv5([bent, 0.0, 0.0, 0.0, 0.0]);
         });
         let (_, data) = made::scene(frames, Vec::new());
-        let (settings, outliers) = (MaskSettings { judge_first: 4 }, OutlierConfig::of_photos(made::SIDE));
+        let (settings, outliers) =
+            (MaskSettings { judge_first: 4, judge_every: 12 }, OutlierConfig::of_photos(made::SIDE));
         PhotoMasks::new(settings, outliers, Backdrop::default(), Brightness::Same, &data)
     }
 
@@ -211,10 +217,12 @@ mod tests {
     }
 
     #[test]
-    fn surveys_are_rarer_and_rarer() {
+    fn surveys_are_rarer_and_rarer_up_to_a_number_of_steps() {
         let judge = judge(0.0);
-        let steps: Vec<u64> = (0..40).filter(|step| judge.survey(*step).is_some()).collect();
-        assert_eq!(steps, [4, 8, 16, 32]);
-        assert!(MaskSettings { judge_first: 0 }.check().is_err());
+        let steps: Vec<u64> = (0..50).filter(|step| judge.survey(*step).is_some()).collect();
+        assert_eq!(steps, [4, 8, 12, 16, 24, 32, 36, 48]);
+        for bad in [MaskSettings { judge_first: 0, judge_every: 1 }, MaskSettings { judge_first: 1, judge_every: 0 }] {
+            assert!(bad.check().is_err(), "{bad:?}");
+        }
     }
 }

@@ -21,12 +21,15 @@ pub(crate) enum CloudOccluders {
     Auto,
     /// Pixels count less the more their colour is off, photo by photo.
     Visibility,
+    /// Pixels count as a network says of the photo, which learns where colours are off.
+    #[serde(rename = "visibility_head")]
+    Head,
 }
 
 /// The kind, as a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct OccluderChoice {
-    /// `none`, `photos`, `residual`, `errors`, `features`, `auto` or `visibility`.
+    /// `none`, `photos`, `residual`, `errors`, `features`, `auto`, `visibility` or `visibility_head`.
     pub(crate) occluders: CloudOccluders,
 }

@@ -20,11 +20,11 @@ use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 
 /// Weight of the residual in the loss.
-const OF_RESIDUAL: f32 = 0.8;
+pub(super) const OF_RESIDUAL: f32 = 0.8;
 /// Pixels along the side of a square.
 const SQUARE: usize = 4;
 /// The scene shows where it is visible to more than this.
-const SHOWS: f32 = 0.5;
+pub(super) const SHOWS: f32 = 0.5;
 
 /// Settings of [`VisibilityJudge`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,6 +49,12 @@ impl VisibilitySettings {
             unless(left > 0.0 && left <= 1.0, "visibility_left", left, "must be above 0, and at most 1"),
         ])
     }
+
+    /// The weight of what is left out, at a share of the schedule.
+    pub(super) fn weight(&self, share: f64) -> f32 {
+        let VisibilitySettings { visibility_weight, visibility_left, .. } = *self;
+        visibility_weight * (1.0 - share.clamp(0.0, 1.0) as f32 * (1.0 - visibility_left))
+    }
 }
 
 /// Has pixels count as visible as the scene is.
@@ -62,12 +68,6 @@ impl VisibilityJudge {
     /// For a schedule of `horizon` steps.
     pub(crate) fn new(settings: VisibilitySettings, horizon: u64) -> Self {
         Self { settings, horizon }
-    }
-
-    /// The weight of what is left out, at a share of the schedule.
-    fn weight(&self, share: f64) -> f32 {
-        let VisibilitySettings { visibility_weight, visibility_left, .. } = self.settings;
-        visibility_weight * (1.0 - share.clamp(0.0, 1.0) as f32 * (1.0 - visibility_left))
     }
 
     fn visibility(&self, weight: f32, beside: &Beside<'_>) -> Vec<f32> {
@@ -88,13 +88,16 @@ fn visibility(weight: f32, residual: f32) -> f32 {
 impl RenderJudge for VisibilityJudge {
     fn weights(&mut self, step: u64, beside: &Beside<'_>) -> Option<Vec<f32>> {
         let from = self.settings.judge_from * self.horizon as f64;
-        let weight = self.weight(step as f64 / self.horizon.max(1) as f64);
+        let weight = self.settings.weight(step as f64 / self.horizon.max(1) as f64);
         (step as f64 >= from).then(|| self.visibility(weight, beside))
     }
 
     /// As at the end of the schedule.
     fn static_pixels(&self, beside: &Beside<'_>) -> Vec<f32> {
-        self.visibility(self.weight(1.0), beside).into_iter().map(|v| if v > SHOWS { 1.0 } else { 0.0 }).collect()
+        self.visibility(self.settings.weight(1.0), beside)
+            .into_iter()
+            .map(|v| if v > SHOWS { 1.0 } else { 0.0 })
+            .collect()
     }
 }
 
@@ -123,7 +126,7 @@ mod tests {
     fn the_weight_falls_linearly_and_pixels_count_less_for_the_same_residual() {
         let settings = VisibilitySettings { judge_from: 0.0, visibility_weight: 0.4, visibility_left: 0.25 };
         let mut judge = VisibilityJudge::new(settings, 100);
-        let close = |share: f64, want: f32| (judge.weight(share) - want).abs() < 1e-6;
+        let close = |share: f64, want: f32| (judge.settings.weight(share) - want).abs() < 1e-6;
         assert!(close(0.0, 0.4) && close(0.5, 0.25) && close(1.0, 0.1) && close(7.0, 0.1));
         // Everything is off by 0.125.
         let (render, photo) = (vec![0.5; 3 * 64], vec![0.625; 3 * 64]);

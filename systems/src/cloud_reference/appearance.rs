@@ -5,7 +5,7 @@
 //! without their place in the photo, which most of them have to where another photo is the reference.
 
 use super::cached::{Cached, CloudTones, fingerprint};
-use super::fusion::{OUTPUTS, OWN, Reader, ToneOf, toned};
+use super::fusion::{DIRECTION, OUTPUTS, OWN, Reader, ToneOf, toned};
 use super::map_network::{SIDE, is_side};
 use super::reading::PhotoCode;
 use super::reference::{CAMERA, Reference};
@@ -38,6 +38,8 @@ pub(crate) struct ReferenceSettings {
     pub(crate) tone_scale: f32,
     pub(crate) tone_lr: f64,
     pub(crate) encoder_lr: f64,
+    /// Whether tones depend on where Gaussians are seen from.
+    pub(crate) directed: bool,
 }
 
 /// Networks wider than this are a mistake.
@@ -47,7 +49,7 @@ impl ReferenceSettings {
     /// # Errors
     /// [`SystemError::Config`] naming the first setting that cannot work.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
-        let Self { side, tone_width, tone_scale, tone_lr, encoder_lr } = *self;
+        let Self { side, tone_width, tone_scale, tone_lr, encoder_lr, .. } = *self;
         // The encoder's layers multiply each other: with more, features have no bounds.
         let is_rate = encoder_lr > 0.0 && encoder_lr <= 0.1;
         first_of([
@@ -111,7 +113,8 @@ impl<C: PhotoCode> ReferenceAppearance<C> {
         let encoder = NetworkParameters::new(C::NAMES[0], code.init(rng.substream(0)), AdamConfig::DEFAULT);
         let nothing = vec![0.0; code.code_len()];
         let reading = code.reading(&nothing);
-        let inputs = OWN + reading.features() + reading.whole.len();
+        let of_direction = if settings.directed { DIRECTION } else { 0 };
+        let inputs = OWN + reading.features() + reading.whole.len() + of_direction;
         drop(reading);
         let mut params = Vec::new();
         let config = MlpConfig::new(inputs, vec![settings.tone_width; 2], OUTPUTS);
@@ -244,12 +247,14 @@ impl<C: PhotoCode> ReferenceAppearance<C> {
         sum
     }
 
-    fn reader<'a>(&'a self, code: &'a [f32]) -> Reader<'a> {
+    fn reader<'a>(&'a self, code: &'a [f32], eye: Option<[f32; 3]>) -> Reader<'a> {
         assert_eq!(code.len(), self.code.code_len(), "a code has as many numbers as those of the photos");
         Reader {
             scale: self.settings.tone_scale,
             network: &self.fusion,
             reading: self.code.reading(code),
+            directed: self.settings.directed,
+            eye,
             simd: self.simd,
         }
     }
@@ -274,7 +279,7 @@ impl<C: PhotoCode> ReferenceAppearance<C> {
             return;
         }
         let all: Vec<u32> = (0..seen.cloud.gaussians.len() as u32).collect();
-        let tones = self.reader(&code).tones(&seen.cloud, &all);
+        let tones = self.reader(&code, None).tones(&seen.cloud, &all);
         apply(&tones, rgb);
         if let Ok(mut cached) = self.cached.lock() {
             cached.tones = Some(CloudTones { code, cloud, tones });
@@ -331,14 +336,21 @@ impl<C: PhotoCode> ColourAppearance for ReferenceAppearance<C> {
     }
 
     fn forward(&self, appearance: &Appearance, seen: VisibleCloud<'_>, rgb: &mut [[f32; 3]]) {
-        match self.current(appearance) {
-            None => self.forward_cached(self.code(appearance), seen, rgb),
-            Some(current) => {
-                let tones = self.reader(&current.code).tones(&seen.cloud, &rows(seen.gaussians));
-                let scale = self.settings.tone_scale;
-                rgb.iter_mut().zip(&tones).for_each(|(rgb, tone)| *rgb = toned(*rgb, tone, scale));
+        let of_other;
+        let code = match self.current(appearance) {
+            Some(current) => &current.code,
+            None => {
+                of_other = self.code(appearance);
+                // Seen from elsewhere a Gaussian would have another tone.
+                if !self.settings.directed {
+                    return self.forward_cached(of_other, seen, rgb);
+                }
+                &of_other
             }
-        }
+        };
+        let tones = self.reader(code, seen.eye).tones(&seen.cloud, &rows(seen.gaussians));
+        let scale = self.settings.tone_scale;
+        rgb.iter_mut().zip(&tones).for_each(|(rgb, tone)| *rgb = toned(*rgb, tone, scale));
     }
 
     fn backward(&mut self, appearance: &Appearance, seen: VisibleCloud<'_>, rgb: &[[f32; 3]], bars: ColourBars<'_>) {
@@ -350,7 +362,7 @@ impl<C: PhotoCode> ColourAppearance for ReferenceAppearance<C> {
                 &of_other
             }
         };
-        let (reader, rows) = (self.reader(code), rows(seen.gaussians));
+        let (reader, rows) = (self.reader(code, seen.eye), rows(seen.gaussians));
         let chunks = reader.backward(&seen.cloud, &rows, rgb, bars.rgb);
         reader.add_own(seen.cloud.gaussians.len(), &rows, &chunks, bars.base, bars.extra);
         self.code.regularise(&seen.cloud, bars.extra);
@@ -368,7 +380,7 @@ impl<C: PhotoCode> ColourAppearance for ReferenceAppearance<C> {
     }
 
     fn code_bar(&self, code: &[f32], seen: VisibleCloud<'_>, rgb: &[[f32; 3]], bar: &mut [[f32; 3]]) -> Vec<f32> {
-        let reader = self.reader(code);
+        let reader = self.reader(code, seen.eye);
         let chunks = reader.backward(&seen.cloud, &rows(seen.gaussians), rgb, bar);
         reader.code_bar(&chunks)
     }

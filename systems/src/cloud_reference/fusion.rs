@@ -1,11 +1,12 @@
 //! The network that fuses what a Gaussian is with what it reads of a photo:
 //!
 //! ```text
-//! (b, g) = f(c_i, s_i, F_1(x_i1), .., F_m(x_im), e)              its colour from all around, its own numbers, features, the photo
+//! (b, g) = f(c_i, s_i, F_1(x_i1), .., F_m(x_im), e, d)           its colour from all around, its own numbers, features, the photo
 //! c'_i = (1 + s g) c_i(d) + s b                                  its colour in the appearance; s is `tone_scale`
 //! ```
 //!
-//! Features of maps stand beside each other, or are added up: [`Joined`].
+//! Features of maps stand beside each other, or are added up: [`Joined`]. The direction `d` that a Gaussian is seen along is there where that
+//! is asked for; its centre has no gradient from there.
 
 use super::reading::{Joined, Reading};
 use super::sampling::Tap;
@@ -22,6 +23,9 @@ pub(crate) const OUTPUTS: usize = 6;
 /// What a Gaussian is: its colour from all around and its own numbers.
 pub(crate) const OWN: usize = 3 + PlaceCodes::ROWS;
 
+/// Numbers of a direction.
+pub(crate) const DIRECTION: usize = 3;
+
 /// Summands, then factors.
 pub(crate) type ToneOf = [f32; OUTPUTS];
 
@@ -37,6 +41,9 @@ pub(crate) struct Reader<'a> {
     /// Ready for its kernels.
     pub(crate) network: &'a RowNetwork,
     pub(crate) reading: Reading<'a>,
+    /// Whether it sees the direction of a Gaussian from `eye`; 0 where there is none.
+    pub(crate) directed: bool,
+    pub(crate) eye: Option<[f32; 3]>,
     pub(crate) simd: Simd,
 }
 
@@ -73,7 +80,7 @@ impl ChunkBars {
 impl Reader<'_> {
     /// Numbers that the network sees of a Gaussian.
     fn input_count(&self) -> usize {
-        OWN + self.reading.features() + self.reading.whole.len()
+        OWN + self.reading.features() + self.reading.whole.len() + if self.directed { DIRECTION } else { 0 }
     }
 
     /// Which row of the features channel `c` of a map adds to.
@@ -106,8 +113,15 @@ impl Reader<'_> {
                 taps.push(tap);
             }
         }
+        let (of_whole, of_direction) = of_whole.split_at_mut(whole.len() * n);
         for (out, x) in of_whole.chunks_exact_mut(n.max(1)).zip(&code[whole.clone()]) {
             out.fill(*x);
+        }
+        if self.directed {
+            for (k, &i) in rows.iter().enumerate() {
+                let d = self.eye.map_or([0.0; DIRECTION], |eye| direction(eye, cloud, i as usize));
+                (0..DIRECTION).for_each(|axis| of_direction[axis * n + k] = d[axis]);
+            }
         }
         taps
     }
@@ -240,4 +254,12 @@ impl Reader<'_> {
         }
         out
     }
+}
+
+/// The unit vector from `eye` to Gaussian `i`; 0 where it is there, or no number.
+fn direction(eye: [f32; 3], cloud: &DrawnCloud<'_>, i: usize) -> [f32; DIRECTION] {
+    let n = cloud.gaussians.len();
+    let d = [0, 1, 2].map(|k| cloud.gaussians.mean[k * n + i] - eye[k]);
+    let length = d.iter().map(|x| x * x).sum::<f32>().sqrt();
+    if length > 0.0 && length.is_finite() { d.map(|x| x / length) } else { [0.0; DIRECTION] }
 }

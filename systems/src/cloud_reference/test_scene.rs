@@ -35,7 +35,8 @@ pub(crate) fn seen<'a>(
     visible: &'a [ProjectedGaussian],
 ) -> VisibleCloud<'a> {
     let cloud = DrawnCloud { index: 0, gaussians, extra, composited: 0, degree: 1 };
-    VisibleCloud { cloud, gaussians: visible }
+    // [`view`] is not turned.
+    VisibleCloud { cloud, gaussians: visible, eye: Some(view().t.map(|x| -x)) }
 }
 
 /// All but the second Gaussian, from the last to the first.

@@ -82,6 +82,7 @@ impl TriplaneSettings {
             tone_scale: self.tone_scale,
             tone_lr: self.tone_lr,
             encoder_lr: self.encoder_lr,
+            directed: false,
         }
     }
 

@@ -8,7 +8,7 @@ use glam::DVec2;
 
 /// Error budget of a ray: more than nothing, so that it stops, and colours are hardly asked for; less than a half, so that it does not
 /// stop before its transmittance has passed that. Its median depth is the same to the bit as without.
-const BUDGET: f32 = 0.4;
+pub(super) const BUDGET: f32 = 0.4;
 
 /// What pixels of a photo see, at the median depth of the field; those that see nothing, or nothing at any distance, are left out.
 pub(super) fn seen(field: &dyn System, photo: &PhotoPixels) -> Vec<Place> {

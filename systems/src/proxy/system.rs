@@ -1,11 +1,13 @@
 //! A cloud that begins where a field sees surfaces, as a [`System`].
 
-use super::seen::seen;
+use super::seen::{BUDGET, seen};
 use crate::rays::RaySystem;
 use crate::views::outside::PhotoPixels;
+use crate::views::sky;
 use crate::views::start::Place;
 use crate::views::{Views, first_of, positive, unless};
 use engine::data::Dataset;
+use engine::render::plain_query;
 use engine::system::{
     Appearance, Fit, FlowSource, Layers, Query, SkipRow, Splats, StepStats, System, SystemError, Tensor, TensorMap,
     take_counts, u64_tensor,
@@ -45,6 +47,8 @@ pub(crate) struct ProxyTerms {
     pub(crate) config: FieldConfig,
     /// So many Gaussians begin where it sees surfaces; `None`: the cloud begins as it is.
     pub(crate) seeds: Option<usize>,
+    /// About so many points of a sphere far around the scene are Gaussians of the sky, where it sees no surface; `None`: none.
+    pub(crate) sky: Option<usize>,
 }
 
 impl ProxyTerms {
@@ -58,6 +62,8 @@ impl ProxyTerms {
     }
 }
 
+/// There is sky where the field sees that far through this share of its places.
+const OPEN: f64 = 0.25;
 /// No more pixels are drawn for a seed.
 const MOST_DRAWN: usize = 16;
 /// So many steps the cloud is given before it is shown instead of the field, or as many as that had: at its first ones it is 6 dB behind
@@ -123,7 +129,7 @@ impl Proxied {
         let mut points = self.see_spread(data, seeds)?;
         // Where the field sees nothing, the start that was planned stays.
         if points.is_empty() {
-            return Ok(());
+            return self.add_sky(data, &[]);
         }
         if points.len() < seeds {
             let more = (seeds.saturating_mul(seeds) / points.len()).min(seeds.saturating_mul(MOST_DRAWN));
@@ -131,7 +137,23 @@ impl Proxied {
         }
         let count = points.len().min(seeds);
         let places: Vec<_> = (0..count).map(|k| points[k * points.len() / count]).collect();
-        self.cloud.begin_at(&places)
+        self.cloud.begin_at(&places)?;
+        self.add_sky(data, &places)
+    }
+
+    /// Gaussians of the sky around a cloud that begins at `places`, where the field sees that there is anything beyond the scene.
+    fn add_sky(&mut self, data: &Dataset, places: &[Place]) -> Result<(), SystemError> {
+        let Some((count, field)) = self.terms.sky.zip(self.field.as_ref()) else { return Ok(()) };
+        let places: Vec<_> = places.iter().map(|place| place.x).collect();
+        let sphere = self.cloud.sky_around(&places, data, count);
+        let reach = sphere.reach() as f32;
+        let sky = sky::shown(data, &sphere.points(data), |rays| {
+            let depths = field.render(rays, &plain_query([0.0; 3], BUDGET)).median_depth;
+            depths.into_iter().map(|t| t >= reach).collect()
+        })?;
+        // A field paints the sky on the inside of its box, at any depth beyond the scene: where there is sky at all, all of it is added.
+        let free = sky.iter().filter(|place| place.is_free).count();
+        if (free as f64) < OPEN * sky.len() as f64 { Ok(()) } else { self.cloud.add_sky(&sphere, &sky) }
     }
 
     /// What about `count` pixels of all photos see.

@@ -28,7 +28,7 @@ fn baked(part: &dyn ColourAppearance, appearance: &Appearance, cloud: &DrawnClou
         (0..n as u32).map(|index| ProjectedGaussian { index, ..ProjectedGaussian::default() }).collect();
     let of = |grey: f32| {
         let mut rgb = vec![[grey; 3]; n];
-        part.forward(appearance, VisibleCloud { cloud: *cloud, gaussians: &all }, &mut rgb);
+        part.forward(appearance, VisibleCloud { cloud: *cloud, gaussians: &all, eye: None }, &mut rgb);
         rgb
     };
     let (summand, sum) = (of(0.0), of(1.0));

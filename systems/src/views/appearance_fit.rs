@@ -5,7 +5,7 @@
 //! The pixels are gathered in a small picture of a pinhole camera, whatever lens their rays came through. Geometry does not depend on
 //! the code, so Gaussians are projected once; a step colours, composites and compares them (WildGaussians, section 3.4).
 
-use super::drawing::{Projections, VisibleCloud};
+use super::drawing::Projections;
 use super::driver::Views;
 use super::hooks::{OfAppearance, SeenPhoto};
 use super::photo::{over, view};
@@ -157,7 +157,7 @@ pub(super) fn fit(system: &Views, pixels: &Fit<'_>) -> Option<Vec<f32>> {
         let mut bar: Vec<[f32; 3]> = gradients.iter().map(|gradient| gradient.features).collect();
         let mut code_bar = vec![0.0; code.len()];
         for ((range, projection), cloud) in projections.each().zip(&drawn) {
-            let seen = VisibleCloud { cloud: *cloud, gaussians: &projection.gaussians };
+            let seen = projections.seen(cloud, projection);
             let own = part.code_bar(&code, seen, &plain[range.clone()], &mut bar[range]);
             code_bar.iter_mut().zip(own).for_each(|(sum, bar)| *sum += bar);
         }

@@ -2,6 +2,7 @@
 
 use super::density_config::ControlConfig;
 use super::drawing::SeenGaussians;
+use super::sky::FAR;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use field_core::rng::Rng;
 use splat_core::density::{
@@ -168,7 +169,7 @@ impl DensityControl {
                     let grown = rules.grow(cloud, &gradients.mean(), EXTENT, change.max, rng.substream(GROW))?;
                     *cloud = grown.cloud;
                     changed.then(grown.rows)?;
-                    let kept = rules.prune(cloud, EXTENT, count, |_| false)?;
+                    let kept = rules.prune(cloud, EXTENT, count, |i| is_sky(cloud, i, rules.opacity_min))?;
                     *cloud = kept.follow(cloud)?;
                     changed.then(kept)?;
                     changed.order(cloud)?;
@@ -243,6 +244,13 @@ impl DensityControl {
         }
         Ok(())
     }
+}
+
+/// Whether a Gaussian is as far as the sky, and not too transparent: it may have any size.
+fn is_sky(cloud: &Gaussians, i: usize, opacity_min: f64) -> bool {
+    let n = cloud.len();
+    let squares: f32 = (0..3).map(|axis| cloud.mean[axis * n + i].powi(2)).sum();
+    squares > FAR * FAR && 1.0 / (1.0 + (-f64::from(cloud.logit[i])).exp()) >= opacity_min
 }
 
 /// Names in checkpoints: those of the first that were written.

@@ -39,6 +39,8 @@ impl<'a> DrawnCloud<'a> {
 pub(crate) struct VisibleCloud<'a> {
     pub(crate) cloud: DrawnCloud<'a>,
     pub(crate) gaussians: &'a [ProjectedGaussian],
+    /// Where the camera of the picture is, of the clouds' frame; `None`: the Gaussians are seen from nowhere.
+    pub(crate) eye: Option<[f32; 3]>,
 }
 
 /// Gaussians that a picture shows, and the gradients with respect to their centres on it.
@@ -64,6 +66,8 @@ pub(crate) struct Projections {
     each: Vec<Projection>,
     /// Of all clouds, where there are several.
     joined: Vec<ProjectedGaussian>,
+    /// Where the camera is.
+    eye: Option<[f32; 3]>,
 }
 
 impl Projections {
@@ -78,6 +82,7 @@ impl Projections {
         view: &View,
         settings: &RasterSettings,
     ) -> Result<(), SplatError> {
+        self.eye = Some(eye_of(view));
         self.each.resize_with(clouds.len(), Projection::default);
         for (projection, cloud) in self.each.iter_mut().zip(clouds) {
             projection.project(simd, cloud.gaussians, view, settings, cloud.degree)?;
@@ -90,6 +95,11 @@ impl Projections {
             Ok(_) => Ok(()),
             Err(_) => Err(SplatError::TooMany { what: "Gaussians", got: self.gaussians().len() }),
         }
+    }
+
+    /// A cloud as the picture shows it, by its projection.
+    pub(crate) fn seen<'a>(&self, cloud: &DrawnCloud<'a>, projection: &'a Projection) -> VisibleCloud<'a> {
+        VisibleCloud { cloud: *cloud, gaussians: &projection.gaussians, eye: self.eye }
     }
 
     /// Those of all clouds, one cloud after the other.
@@ -133,7 +143,7 @@ impl Projections {
         colours: &mut [[f32; 3]],
     ) {
         for ((range, projection), cloud) in self.each().zip(clouds) {
-            let seen = VisibleCloud { cloud: *cloud, gaussians: &projection.gaussians };
+            let seen = self.seen(cloud, projection);
             of_appearance.part.forward(of_appearance.appearance, seen, &mut colours[range]);
         }
     }
@@ -199,4 +209,9 @@ impl Projections {
             }
         }
     }
+}
+
+/// Where the camera of a view is.
+fn eye_of(view: &View) -> [f32; 3] {
+    [0, 1, 2].map(|k| -(0..3).map(|i| view.r[i][k] * view.t[i]).sum::<f32>())
 }

@@ -111,7 +111,7 @@ impl ColourAppearance for Gain {
     fn forward(
         &self,
         _appearance: &Appearance,
-        VisibleCloud { cloud, gaussians: visible }: VisibleCloud<'_>,
+        VisibleCloud { cloud, gaussians: visible, .. }: VisibleCloud<'_>,
         rgb: &mut [[f32; 3]],
     ) {
         if cloud.index == 0 {
@@ -125,7 +125,7 @@ impl ColourAppearance for Gain {
     fn backward(
         &mut self,
         _appearance: &Appearance,
-        VisibleCloud { cloud, gaussians: visible }: VisibleCloud<'_>,
+        VisibleCloud { cloud, gaussians: visible, .. }: VisibleCloud<'_>,
         rgb: &[[f32; 3]],
         bars: ColourBars<'_>,
     ) {

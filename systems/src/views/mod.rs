@@ -57,6 +57,7 @@ mod refusal;
 mod render;
 mod sample_places;
 mod skipped;
+pub(crate) mod sky;
 mod smoothing;
 pub mod start;
 mod surveys;

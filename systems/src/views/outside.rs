@@ -1,11 +1,14 @@
 //! Gaussians that begin from outside: at places that something else than the density control has found.
 
+use super::config::CloudConfig;
 use super::driver::Views;
 use super::refusal::refused;
+use super::sky::{SkyPlace, SkySphere};
 use super::start::{NewGaussian, Place, Start, round};
 use engine::data::Dataset;
 use engine::system::SystemError;
 use field_core::rng::Rng;
+use glam::DVec3;
 use render_core::camera::Camera;
 
 /// Stream of random numbers: which pixels.
@@ -110,6 +113,25 @@ impl Views {
             .collect();
         let cloud = &mut self.parts.clouds[0];
         let more = round(&new, cloud.training.cloud.sh_degree).map_err(refused)?;
+        cloud.insert(&more).map_err(refused)?;
+        self.smooth_anew()
+    }
+
+    /// A sphere for Gaussians of the sky around places of the first cloud.
+    pub(crate) fn sky_around(&self, places: &[DVec3], data: &Dataset, count: usize) -> SkySphere {
+        SkySphere::around(places, &self.parts.frame, data, count)
+    }
+
+    /// Put Gaussians of the sky into the first cloud, as many as there is room for.
+    pub(crate) fn add_sky(&mut self, sphere: &SkySphere, places: &[SkyPlace]) -> Result<(), SystemError> {
+        let frame = self.parts.frame;
+        let cloud = &mut self.parts.clouds[0];
+        let CloudConfig { sh_degree, max_splats, .. } = cloud.training.cloud;
+        let room = max_splats.saturating_sub(cloud.parameters.len());
+        let more = sphere.gaussians(places, &frame, sh_degree, room).map_err(refused)?;
+        if more.is_empty() {
+            return Ok(());
+        }
         cloud.insert(&more).map_err(refused)?;
         self.smooth_anew()
     }

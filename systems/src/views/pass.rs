@@ -1,7 +1,7 @@
 //! One training step's picture: draw the clouds as a photo's camera sees them, compare, and take the gradient back.
 
 use super::cloud_parameters::CloudParameters;
-use super::drawing::{DrawnCloud, Projected, Projections, SeenGaussians, VisibleCloud};
+use super::drawing::{DrawnCloud, Projected, Projections, SeenGaussians};
 use super::hooks::{Beside, ColourAppearance, ColourBars, OfAppearance, RenderJudge};
 use super::planes::{COLOUR, PlaneBars, PlaneLayout, RenderedPicture, add_background};
 use super::terms::{PictureTerm, TargetPicture};
@@ -216,7 +216,7 @@ impl<const K: usize> Pass<K> {
         for (((range, projection), cloud), gradient) in self.projections.each().zip(clouds).zip(gradients) {
             let rgb = &self.colours[range.clone()];
             let bars = ColourBars { rgb: &mut bar[range.clone()], base: &mut base[range], extra: &mut gradient.extra };
-            let seen = VisibleCloud { cloud: *cloud, gaussians: &projection.gaussians };
+            let seen = self.projections.seen(cloud, projection);
             part.backward(appearance, seen, rgb, bars);
         }
         let plain = self.layout.plain.then_some(self.layout.first_plain());

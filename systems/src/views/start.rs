@@ -11,6 +11,8 @@
 //! see them.
 
 use super::cloud_frame::CloudFrame;
+use super::cloud_parameters::joined;
+use super::sky::{SkyPlace, SkySphere};
 use crate::layout::Layout;
 use crate::plan::space;
 use engine::data::Dataset;
@@ -157,6 +159,21 @@ impl Start {
     pub(crate) fn at_places(places: &[Place], frame: &CloudFrame, degree: usize) -> Result<Self, SplatError> {
         let inside: Vec<[f64; 3]> = places.iter().map(|place| frame.to_internal(place.x).to_array()).collect();
         Self::at(&inside, |k| places[k].rgb, degree, Vec::new())
+    }
+
+    /// Add Gaussians of the sky, as many as there is room for where no more than `most` are allowed.
+    pub(crate) fn add_sky(
+        &mut self,
+        sphere: &SkySphere,
+        places: &[SkyPlace],
+        frame: &CloudFrame,
+        most: usize,
+    ) -> Result<(), SplatError> {
+        let room = most.saturating_sub(self.cloud.len());
+        let more = sphere.gaussians(places, frame, self.cloud.degree(), room)?;
+        self.notes.push(format!("{} Gaussians of the sky", more.len()));
+        self.cloud = joined(&[&self.cloud, &more]);
+        Ok(())
     }
 
     /// At internal positions.

@@ -25,3 +25,4 @@ mod wild_maps;
 mod wild_methods;
 mod wild_mlp;
 mod wild_planes;
+mod wild_sky;

@@ -7,7 +7,8 @@ const NAME: &str = "gs-w";
 #[test]
 fn same_bits_with_1_2_and_4_threads_and_after_a_resume() {
     let field = ["start=field", "field_steps=3", "refill=0.5", "judge_first=1"];
-    check_bits(NAME, &[&["judge_first=2"], &["occluders=visibility", "judge_from=0.0"], &field]);
+    let head = ["occluders=visibility_head", "judge_from=0.0", "head_side=16", "tone_direction=true"];
+    check_bits(NAME, &[&["judge_first=2"], &["occluders=visibility", "judge_from=0.0"], &head, &field]);
 }
 
 #[test]
@@ -22,7 +23,7 @@ fn maps_of_each_photo_are_worth_what_they_cost() {
 
 #[test]
 fn a_setting_that_cannot_work_is_named() {
-    let of_maps = ["encoder_side=20", "sampled_maps=5", "map_channels=0", "encoder_lr=0.2"];
+    let of_maps = ["encoder_side=20", "sampled_maps=5", "map_channels=0", "encoder_lr=0.2", "tone_direction=3"];
     check_named(NAME, &of_maps);
     check_named(NAME, &["appearance_dims=8", "appearance=encoder", "visibility_weight=0.1", "depth_weight=0.1"]);
 }

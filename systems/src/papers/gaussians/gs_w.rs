@@ -13,8 +13,8 @@
 //! ```
 //!
 //! Here `M` and `D` are one network that gives a factor and a summand for the colour `c_i(d)` of the spherical harmonics, which are thus
-//! what a Gaussian is by itself: [`crate::cloud_maps`]. `V` is what costs least for each pixel, in closed form:
-//! [`crate::cloud_occluders`]. What differs, and why: `docs/decisions/0063-gs-w.md`.
+//! what a Gaussian is by itself: [`crate::cloud_maps`]; it sees `d` itself where that is asked for. `V` is learnt by a network of its own, or
+//! is what costs least for each pixel, in closed form: [`crate::cloud_occluders`]. What differs, and why: `docs/decisions/0063-gs-w.md`.
 
 use super::photos::PhotoParts;
 use super::recipe::Recipe;
@@ -24,7 +24,7 @@ use super::wild_gaussians;
 use crate::claims::Claim;
 use crate::cloud_appearance::CloudAppearance;
 use crate::cloud_maps::MapSettings;
-use crate::cloud_occluders::VisibilitySettings;
+use crate::cloud_occluders::{HeadSettings, VisibilitySettings};
 use crate::plan::{Ask, Built};
 use crate::views::{L1DssimConfig, Structure};
 
@@ -36,8 +36,8 @@ pub(crate) const CLAIM: Claim = Claim {
     take: "photos of many people, to look around in the appearance of any photo, without a fit",
     differs: "The cloud is that of `splat` here. Maps are 32 pixels wide, of a small network that nothing was learnt before; one \
               network of two layers turns colours of spherical harmonics of degree 1 instead of making them. Occluders are masks found \
-              in whole photos, as `wild-gaussians` here has them; `--set occluders=visibility` is the paper's map, pixel by pixel in \
-              closed form.",
+              in whole photos, as `wild-gaussians` here has them; `--set occluders=visibility_head` learns the paper's map, by a network \
+              of its own.",
     mark: "small networks, tones instead of colours, own masks",
 };
 
@@ -49,6 +49,7 @@ pub(super) const MAPS: MapSettings = MapSettings {
     map_channels: 8,
     tone_width: 32,
     tone_scale: 0.1,
+    tone_direction: false,
     sample_weight: 1e-3,
     place_code_lr: 5e-3,
     tone_lr: 6e-3,
@@ -58,6 +59,9 @@ pub(super) const MAPS: MapSettings = MapSettings {
 /// Released: from step 2 500 of 70 000 on; 0.15.
 pub(super) const VISIBILITY: VisibilitySettings =
     VisibilitySettings { judge_from: 0.15, visibility_weight: 0.15, visibility_left: 1.0 };
+
+/// Released: a head of the encoder, with its rate, 2e-3.
+pub(super) const HEAD: HeadSettings = HeadSettings { head_side: 64, head_lr: 2e-3 };
 
 static RECIPE: Recipe = Recipe {
     claim: CLAIM,

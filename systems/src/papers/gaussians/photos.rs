@@ -1,16 +1,18 @@
 //! What photos of one place differ in: appearance, and what stands before the scene; the parts of a cloud that know of it.
 
 use super::depth_files::{has_depths, read_depths};
+use super::leaving_out::{AskedOccluders, Judges};
+use super::sky::{BeforeSky, SkyPlan, SkySettings};
 use crate::cloud_appearance::{AppearanceChoice, CloudAppearance, Tone, ToneSettings};
 use crate::cloud_maps::{FeatureMaps, MapSettings};
 use crate::cloud_occluders::{
-    CloudOccluders, ErrorJudge, ErrorMaskSettings, FeatureMaskSettings, MaskSettings, OccluderChoice, PhotoFeatures,
-    PhotoMasks, StructureJudge, StructureSettings, VisibilityJudge, VisibilitySettings,
+    CloudOccluders, ErrorMaskSettings, FeatureMaskSettings, HeadSettings, MaskSettings, StructureSettings,
+    VisibilitySettings,
 };
 use crate::cloud_triplane::{Triplane, TriplaneSettings};
-use crate::limits::refuse;
-use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig};
-use crate::occluders::photo_features::{AskedBy, has_features, read_features};
+use crate::occluders::outliers::{Backdrop, Brightness};
+use crate::occluders::photo_features::has_features;
+use crate::plan::has_alpha;
 use crate::settings::Settings;
 use crate::views::{
     ColourAppearance, DepthShapeTerm, ExtraRows, PictureTerm, PlaceCodes, RenderJudge, RowStart, SamplePlaces,
@@ -19,10 +21,9 @@ use crate::views::{
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::SystemError;
-use scene_io::{Features, Scene};
+use scene_io::Scene;
 use serde::{Deserialize, Serialize};
 use splat_core::Gaussians;
-use std::sync::Arc;
 
 /// Numbers of a photo's code in a field before a cloud that has none.
 const FIELD_CODES: usize = 32;
@@ -45,6 +46,8 @@ pub(super) struct PhotoParts {
     pub(super) errors: ErrorMaskSettings,
     pub(super) features: FeatureMaskSettings,
     pub(super) visibility: VisibilitySettings,
+    pub(super) head: HeadSettings,
+    pub(super) sky: SkySettings,
     /// Depth is held to the shape of estimated depth; `None`: it is not, whatever files there are.
     pub(super) depth: Option<DepthSettings>,
 }
@@ -66,20 +69,20 @@ pub(super) struct Seen {
     pub(super) features: bool,
     /// Whether any has depth or disparity, as a file.
     pub(super) depths: bool,
+    /// Whether they show a thing that is cut out.
+    pub(super) cut_out: bool,
 }
 
 impl Seen {
-    pub(super) fn of(scene: &Scene, data: &Dataset) -> Self {
-        Self {
+    pub(super) fn of(scene: &Scene, data: &Dataset) -> Result<Self, SystemError> {
+        Ok(Self {
             longest: data.longest_side().unwrap_or(0),
             features: has_features(scene, data),
             depths: has_depths(data),
-        }
+            cut_out: has_alpha(data)?,
+        })
     }
 }
-
-/// Who asks for features.
-const BY_FEATURES: AskedBy = AskedBy { field: "occluders", value: "features", without: "occluders=errors" };
 
 impl PhotoParts {
     /// The settings of the parts that are there, after `--set`.
@@ -103,45 +106,15 @@ impl PhotoParts {
                 AskedAppearance::Triplane(triplane)
             }
         };
-        let OccluderChoice { occluders } = settings.of(&OccluderChoice { occluders: self.occluders })?;
-        let occluders = match occluders {
-            CloudOccluders::None => AskedOccluders::None,
-            CloudOccluders::Photos => {
-                let (masks, outliers) =
-                    (settings.of(&self.masks)?, settings.of(&OutlierConfig::of_photos(seen.longest))?);
-                masks.check()?;
-                outliers.check()?;
-                AskedOccluders::Photos(masks, outliers)
-            }
-            CloudOccluders::Residual => {
-                let judge = settings.of(&self.judge)?;
-                judge.check()?;
-                AskedOccluders::Residual(judge)
-            }
-            CloudOccluders::Visibility => {
-                let judge = settings.of(&self.visibility)?;
-                judge.check()?;
-                AskedOccluders::Visibility(judge)
-            }
-            CloudOccluders::Features => self.by_features(settings)?,
-            CloudOccluders::Auto if seen.features => self.by_features(settings)?,
-            CloudOccluders::Errors | CloudOccluders::Auto => {
-                let errors = settings.of(&self.errors)?;
-                errors.check()?;
-                AskedOccluders::Errors(errors)
-            }
-        };
+        let occluders = AskedOccluders::of(self, seen, settings)?;
         let depth = match &self.depth {
             None => AskedDepth::Never,
             Some(depth) => AskedDepth::of(settings.of(depth)?, seen)?,
         };
-        Ok(AskedPhotos { appearance, sh_degree: self.sh_degree, structure: self.structure, occluders, depth })
-    }
-
-    fn by_features(&self, settings: &mut Settings<'_>) -> Result<AskedOccluders, SystemError> {
-        let features = settings.of(&self.features)?;
-        features.check()?;
-        Ok(AskedOccluders::Features(features))
+        let sky = settings.of(&self.sky)?;
+        sky.check()?;
+        let (sh_degree, structure) = (self.sh_degree, self.structure);
+        Ok(AskedPhotos { appearance, sh_degree, structure, occluders, depth, sky })
     }
 }
 
@@ -152,6 +125,7 @@ pub(super) struct AskedPhotos {
     structure: Structure,
     occluders: AskedOccluders,
     depth: AskedDepth,
+    sky: SkySettings,
 }
 
 /// What depth is held to.
@@ -194,15 +168,6 @@ enum AskedAppearance {
     Codes(ToneSettings),
     Maps(MapSettings),
     Triplane(TriplaneSettings),
-}
-
-enum AskedOccluders {
-    None,
-    Photos(MaskSettings, OutlierConfig),
-    Residual(StructureSettings),
-    Errors(ErrorMaskSettings),
-    Features(FeatureMaskSettings),
-    Visibility(VisibilitySettings),
 }
 
 /// The parts of a cloud.
@@ -311,27 +276,17 @@ impl AskedPhotos {
         if let AskedDepth::Files(weight) = self.depth {
             known.terms.push(Box::new(DepthShapeTerm::new(weight, read_depths(data)?)));
         }
-        match &self.occluders {
-            AskedOccluders::None => {}
-            AskedOccluders::Photos(masks, outliers) => {
-                let backdrop = Backdrop::new(background);
-                known.surveys = Some(Box::new(PhotoMasks::new(*masks, outliers.clone(), backdrop, brightness, data)));
-            }
-            AskedOccluders::Residual(settings) => {
-                known.judge = Some(Box::new(StructureJudge::new(*settings, horizon)));
-            }
-            AskedOccluders::Visibility(settings) => {
-                known.judge = Some(Box::new(VisibilityJudge::new(*settings, horizon)));
-            }
-            AskedOccluders::Errors(settings) => {
-                known.judge = Some(Box::new(ErrorJudge::of_errors(*settings, horizon, seed)));
-            }
-            AskedOccluders::Features(settings) => {
-                let features = PhotoFeatures::new(features_of(scene, data)?, data);
-                known.judge = Some(Box::new(ErrorJudge::of_features(*settings, features, horizon, seed)));
-            }
+        match self.occluders.judges(scene, data, Backdrop::new(background), brightness, horizon, seed)? {
+            Judges::None => {}
+            Judges::Steps(judge) => known.judge = Some(judge),
+            Judges::Surveys(surveys) => known.surveys = Some(surveys),
         }
         Ok(known)
+    }
+
+    /// Whether the cloud begins with Gaussians of the sky.
+    pub(super) fn sky(&self, scene: &BeforeSky<'_>) -> SkyPlan {
+        self.sky.plan(scene)
     }
 
     /// For people.
@@ -358,43 +313,6 @@ impl AskedPhotos {
                 format!("appearance: {photo_dims} numbers for each photo as a whole; {planes}")
             }
         };
-        let occluders = match &self.occluders {
-            AskedOccluders::None => "occluders: none are left out".to_owned(),
-            AskedOccluders::Photos(masks, _) => format!(
-                "occluders: masks, found by comparing all photos with their renders after {} steps of the cloud, and after twice as many, and so on",
-                masks.judge_first
-            ),
-            AskedOccluders::Residual(judge) => format!(
-                "occluders: from step {} of the cloud on, what has not the structure of its photo is left out",
-                (judge.judge_from * horizon as f64) as u64
-            ),
-            AskedOccluders::Errors(errors) => format!(
-                "occluders: in each photo pixels with errors above those of {:.0} % of the last photos' pixels are left out \
-                 (RobustFilter; with `.features.npy` beside the photos a network could say more)",
-                100.0 * errors.inlier_share
-            ),
-            AskedOccluders::Features(_) => {
-                "occluders: a network says by features of the photos what is left out (SLS-mlp)".to_owned()
-            }
-            AskedOccluders::Visibility(judge) => format!(
-                "occluders: from step {} of the cloud on, pixels count less the more their colour is off",
-                (judge.judge_from * horizon as f64) as u64
-            ),
-        };
-        [appearance, occluders].into_iter().chain(self.depth.line()).collect()
+        [appearance, self.occluders.line(horizon)].into_iter().chain(self.depth.line()).collect()
     }
-}
-
-/// The features of all photos.
-fn features_of(scene: &Scene, data: &Dataset) -> Result<Vec<Arc<Features>>, SystemError> {
-    let features = read_features(scene, data, BY_FEATURES)?;
-    if features.is_empty() {
-        let photo = data.views().first().map_or("", |view| &view.name);
-        let problem = format!(
-            "photo `{photo}` has no `.features.npy` beside it, nor has any other: make them, or go without (`--set {}`)",
-            BY_FEATURES.without
-        );
-        return refuse(BY_FEATURES.field, BY_FEATURES.value, problem);
-    }
-    Ok(features)
 }

@@ -2,6 +2,7 @@
 
 use super::layers::{AskedLayers, LayerParts};
 use super::photos::{AskedPhotos, PhotoParts, Seen};
+use super::sky::{BeforeSky, SkyPlan};
 use super::start::{AskedStart, FieldBefore, Seeing, StartConfig, StartKind, field_steps, with_field};
 use crate::claims::Claim;
 use crate::cloud_motion::{DeformationField, MotionParts, MotionSettings, UnitBox};
@@ -9,6 +10,7 @@ use crate::fields::{FeatureSource, view_times};
 use crate::free_space::free_space_line;
 use crate::layout::Layout;
 use crate::plan::{Ask, Built, CloudPace, DepthUse, FieldShare, Ground, check_still_camera, has_alpha};
+use crate::proxy::ProxyTerms;
 use crate::schedule::PlannedTime;
 use crate::settings::Settings;
 use crate::views::cloud_frame::CloudFrame;
@@ -83,8 +85,20 @@ impl Recipe {
         let AskedStart { at, field } = asked.start;
         let refill = asked.training.density.refill();
         let codes = asked.photos.as_ref().and_then(AskedPhotos::codes);
-        let field = field.map(|terms| FieldBefore { terms, refill, seeing, codes });
-        let start = at.start(cloud, &layout, &asked.frame, data, seeing, run.seed)?;
+        let before = BeforeSky {
+            frame: &asked.frame,
+            points: &scene.points,
+            data,
+            cut_out: planned.seen.cut_out,
+            field: field.is_some_and(|terms| terms.seeds.is_some()),
+        };
+        let sky = asked.photos.as_ref().map(|photos| photos.sky(&before));
+        lines.extend(sky.as_ref().and_then(|sky| sky.line.clone()));
+        let of_field = sky.as_ref().and_then(SkyPlan::of_field);
+        let field =
+            field.map(|terms| FieldBefore { terms: ProxyTerms { sky: of_field, ..terms }, refill, seeing, codes });
+        let mut start = at.start(cloud, &layout, &asked.frame, data, seeing, run.seed)?;
+        sky.map_or(Ok(()), |sky| sky.add_to(&mut start, &before, cloud.max_splats))?;
         let mut training = asked.training;
         let (mut appearance, mut judge, mut surveys, mut of_photos) = (None, None, None, Vec::new());
         let mut loss = asked.loss.as_ref().map(|loss| L1Dssim::new(Simd::best(), loss));
@@ -154,6 +168,7 @@ impl Recipe {
                 ("occluders", "residual"),
                 ("occluders", "errors"),
                 ("occluders", "visibility"),
+                ("occluders", "visibility_head"),
                 ("appearance", "maps"),
                 ("appearance", "triplane"),
             ];
@@ -268,7 +283,7 @@ impl Planned {
             pace: Some(pace),
             photo_times,
             times,
-            seen: Seen::of(scene, data),
+            seen: Seen::of(scene, data)?,
             free_space,
             recipe,
         })

@@ -143,7 +143,7 @@ impl StartKind {
             let planned = FieldConfig { field_steps: field_steps.unwrap_or(FIELD_STEPS[1]), ..FieldConfig::PLANNED };
             let config = settings.of(&planned)?;
             config.check()?;
-            Some(ProxyTerms { config, seeds })
+            Some(ProxyTerms { config, seeds, sky: None })
         } else {
             None
         };

@@ -15,8 +15,9 @@
 //! ```
 //!
 //! Printed are `SSIM` and `r` where `1 - SSIM` and `1 - r` are meant. Here `F` is a network that gives a factor and a summand for the
-//! colour `c_i(d)` of the spherical harmonics, which is thus what a Gaussian is by itself: [`crate::cloud_triplane`]. The mask is what costs
-//! least for each pixel, in closed form: [`crate::cloud_occluders`]. What differs, and why: `docs/decisions/0067-wild-gs.md`.
+//! colour `c_i(d)` of the spherical harmonics, which is thus what a Gaussian is by itself: [`crate::cloud_triplane`]. The mask is learnt by a
+//! network of its own, or is what costs least for each pixel, in closed form: [`crate::cloud_occluders`]. What differs, and why:
+//! `docs/decisions/0067-wild-gs.md`.
 
 use super::photos::{DepthSettings, PhotoParts};
 use super::recipe::Recipe;
@@ -37,7 +38,7 @@ pub(crate) const CLAIM: Claim = Claim {
     take: "photos of many people, better with depth files; the appearance of any photo without a fit",
     differs: "The cloud is that of `splat` here. Planes have 64 cells a side, networks are small and nothing was learnt before; one network \
               turns colours of spherical harmonics of degree 1 instead of making them. Occluders are masks found in whole photos, as \
-              `wild-gaussians` here has them; `--set occluders=visibility` is the paper's mask in closed form.",
+              `wild-gaussians` here has them; `--set occluders=visibility_head` learns the paper's mask, by a network of its own.",
     mark: "small networks, tones instead of colours, own masks",
 };
 

@@ -55,7 +55,7 @@ fn small(name: &str, set: &[&str]) -> Vec<&'static str> {
         "spotless" => &[],
         _ if CLOUDS.contains(&name) => match chosen("occluders") {
             None => &["judge_first=2"],
-            Some("residual" | "visibility") => &["judge_from=0.2"],
+            Some("residual" | "visibility" | "visibility_head") => &["judge_from=0.2"],
             Some(_) => &[],
         },
         "hugs" => &["warmup_steps=2", "superpixels=9"],

@@ -69,7 +69,7 @@ const ACCEPTED: [(&str, &str); 13] = [
         judge_scale=1e-38 judge_scale=3e38 trim_quantile=0.0 trim_quantile=1.0 patch=4 patch=256
         occluders=residual+judge_from=0.0+judge_warmup=0.0 occluders=residual+judge_warmup=1.0
         occluders=residual+uncertainty_weight=2.0 occluders=residual+uncertainty_weight=1e-38
-        occluders=errors occluders=auto",
+        occluders=errors occluders=auto judge_every=1 judge_every=9223372036854775807 sky=yes sky=no sky=auto sky=yes+sky_splats=1 sky=yes+sky_splats=100000",
     ),
     (
         "spotless",
@@ -83,7 +83,10 @@ const ACCEPTED: [(&str, &str); 13] = [
         tone_scale=1000.0 sample_weight=0.0 sample_weight=1000.0 place_code_lr=0.0 place_code_lr=1000.0 tone_lr=1e-38
         tone_lr=1000.0 encoder_lr=1e-38 encoder_lr=0.1 occluders=visibility+judge_from=0.0
         occluders=visibility+visibility_weight=1e-38 occluders=visibility+visibility_weight=3e38
-        occluders=visibility+visibility_left=1e-38",
+        occluders=visibility+visibility_left=1e-38 tone_direction=true occluders=visibility_head
+        occluders=visibility_head+head_side=16 occluders=visibility_head+head_side=512
+        occluders=visibility_head+head_lr=1e-38 occluders=visibility_head+head_lr=0.1
+        occluders=visibility_head+visibility_weight=1e-38 occluders=visibility_head+visibility_weight=3e38",
     ),
     (
         "wild-gs",
