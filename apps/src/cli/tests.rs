@@ -154,7 +154,7 @@ fn help_says_which_words_of_appearance_and_occluders_fields_and_clouds_have() {
         for said in [
             "several times On photos of many people",
             "Fields: `appearance=none|codes|encoder` and `occluders=none|robust|transient|visibility|filter|masks`;",
-            "clouds: `appearance=none|codes|maps|triplane` and `occluders=none|photos|residual|errors|features|auto|visibility`.",
+            "clouds: `appearance=none|codes|maps|triplane` and `occluders=none|photos|residual|errors|features|auto|visibility|visibility_head`.",
         ] {
             assert!(help.contains(said), "{}: {said}\n{help}", app.name);
         }
