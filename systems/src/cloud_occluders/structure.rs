@@ -96,10 +96,16 @@ impl RenderJudge for StructureJudge {
             return Vec::new();
         }
         let [render, photo] = [beside.render, beside.photo].map(|planes| channels(beside.size, planes));
-        let limit = 0.5 * self.settings.uncertainty_weight;
+        let weight = self.settings.uncertainty_weight;
         let likeness = likeness(&render, &photo).interpolated(beside.size);
-        likeness.values.iter().map(|alike| if 1.0 - alike < limit { 1.0 } else { 0.0 }).collect()
+        likeness.values.iter().map(|alike| if is_certain(1.0 - alike, weight) { 1.0 } else { 0.0 }).collect()
     }
+}
+
+/// Whether the uncertainty `s` that costs least, `r / (2 s^2) + weight ln s` with `s^2 = r / weight`, gives a pixel of residual `r` more
+/// than its full weight: `1 / (2 s^2) > 1`.
+fn is_certain(residual: f32, weight: f32) -> bool {
+    residual < 0.5 * weight
 }
 
 #[cfg(test)]
@@ -148,10 +154,12 @@ mod tests {
     /// The pixels that count are those of the best uncertainty, found by trying.
     #[test]
     fn the_closed_form_is_the_best_uncertainty() {
-        for residual in [0.01, 0.1, 0.2, 0.24, 0.26, 0.4, 1.0] {
-            let cost = |s: f64| residual / (2.0 * s * s) + 0.5 * s.ln();
-            let best = (1..4000).map(|i| f64::from(i) * 5e-4).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap();
-            assert_eq!(1.0 / (2.0 * best * best) > 1.0, residual < 0.25, "{residual} {best}");
+        for weight in [0.5_f32, 0.3] {
+            for residual in [0.01_f32, 0.1, 0.14, 0.16, 0.24, 0.26, 0.4, 1.0] {
+                let cost = |s: f64| f64::from(residual) / (2.0 * s * s) + f64::from(weight) * s.ln();
+                let best = (1..8000).map(|i| f64::from(i) * 5e-4).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap();
+                assert_eq!(1.0 / (2.0 * best * best) > 1.0, is_certain(residual, weight), "{residual} {best}");
+            }
         }
     }
 

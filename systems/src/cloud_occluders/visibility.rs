@@ -19,7 +19,7 @@ use crate::views::{Beside, RenderJudge, first_of, positive, unless};
 use engine::system::SystemError;
 use serde::{Deserialize, Serialize};
 
-/// Weight of the residual in the loss.
+/// Weight of the residual in the loss as published and planned, `1 - dssim`; another `dssim` does not change it.
 pub(super) const OF_RESIDUAL: f32 = 0.8;
 /// Pixels along the side of a square.
 const SQUARE: usize = 4;

@@ -38,6 +38,9 @@ mod tests {
         assert_eq!(fields.appearance, ["none", "codes", "encoder"]);
         assert_eq!(fields.occluders, ["none", "robust", "transient", "visibility", "filter", "masks"]);
         assert_eq!(clouds.appearance, ["none", "codes", "maps", "triplane"]);
-        assert_eq!(clouds.occluders, ["none", "photos", "residual", "errors", "features", "auto", "visibility", "visibility_head"]);
+        assert_eq!(
+            clouds.occluders,
+            ["none", "photos", "residual", "errors", "features", "auto", "visibility", "visibility_head"]
+        );
     }
 }

@@ -6,7 +6,7 @@
 //! P_f = (M_f + d) / (M_f + M_b + 2 d),  P_b = 1 - P_f           masks, composited from Gaussians in front (equation 1)
 //! C = P_f C_f + P_b clamp(B C_b, 0, 1),  B = 1/2 + a(X)         both clouds; B: how bright the one behind is (equation 4)
 //! main    = |C - I| + sum_e 1[P_e > t] (|C_e - I| + 0.1 L_ssim(C_e, I)) + depths           (equations 3, 5, 6)
-//! utility = L_ssim(C, I) + H(P_f) + |B - 1|                                                (equations 9, 10)
+//! utility = L_ssim(C, I) + H(P_f) + |B - 1|                                (equation 9, and of equation 10 the second part)
 //! ```
 //!
 //! All parameters learn from both parts; new Gaussians come where the main part says. The cloud in front moves as that of `4dgs`
@@ -33,9 +33,10 @@ pub(crate) const CLAIM: Claim = Claim {
     paper: "Wang et al., 2025",
     what: "A cloud of what moves before a cloud of what stands still, by masks that are learnt",
     take: "the scene without what moves, from a film or from photos with people in the way",
-    differs: "Clouds are those of `splat` and `4dgs` here. Of films all is of the cloud behind where nothing is in front, and no Gaussians \
-              are pruned by utility. Of photos without times the front is a sheet before each camera; the cloud behind learns where it \
-              is most likely seen, masks by how far it is off; no structural divergence, no stage at first.",
+    differs: "Clouds are those of `splat` and `4dgs` here; of films all is of the cloud behind where nothing is in front. Of photos without \
+              times the front is a sheet before each camera, and masks learn by how far the cloud behind is off. Not there: losses of \
+              a first stage, in which the front stands still (here for a tenth), ratios of sizes, brightness held to photos; planned \
+              as off: structural divergence, pruning by utility.",
     mark: "own clouds, masks by opacity",
 };
 
