@@ -222,6 +222,7 @@ fn coherence_pulls_on_neighbours_and_only_where_it_is_asked_for() {
         for (_, values) in bar.gaussians.fields_mut() {
             values.iter_mut().for_each(|x| *x *= times);
         }
+        bar.extra.iter_mut().for_each(|x| *x *= times);
         field.pull_back(TIME, 0, &cloud, &mut bar);
         field.gradients().1
     };

@@ -30,6 +30,7 @@ const WORDS: [(&str, &str, &str); 13] = [
     ("occluders", "errors", CLOUD),
     ("occluders", "features", CLOUD),
     ("occluders", "auto", CLOUD),
+    ("occluders", "visibility_head", CLOUD),
     ("appearance", "maps", CLOUD),
     ("appearance", "triplane", CLOUD),
 ];

@@ -139,7 +139,7 @@ fn the_moving_parts_depth_where_nothing_moves_matches_golden() {
         let rays: f64 = rests.iter().map(|w| f64::from(*w)).sum();
         let squared = Kernel::Squared;
         let loss = supervised(squared, &moving, &still, &rests).unwrap() / rays;
-        assert_close(&record.label(), &[loss], &record.output("loss").data, 1e-12, 0.0);
+        assert_close(&record.label(), &[loss], &record.output("loss").data, 2e-6, 0.0);
         let mut bar = vec![0.0; moving.len()];
         let loss_bar = record.cotangent("loss").scalar() / rays;
         supervised_backward(squared, &moving, &still, &rests, loss_bar, &mut bar).unwrap();
