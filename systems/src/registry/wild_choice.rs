@@ -18,7 +18,7 @@ const FIELD: &str = "auto";
 const CLOUD: &str = "wild-gaussians";
 
 /// Settings that both have, and words of them that one of them alone knows.
-const WORDS: [(&str, &str, &str); 13] = [
+const WORDS: [(&str, &str, &str); 14] = [
     ("appearance", "encoder", FIELD),
     ("occluders", "robust", FIELD),
     ("occluders", "transient", FIELD),
