@@ -33,6 +33,8 @@ use serde::{Deserialize, Serialize};
 const STREAM: u64 = 0x7669_7369;
 /// What the map says at the start: nearly all counts, and the sigmoid has a slope.
 const AT_START: f32 = 0.9;
+/// Largest derivative of a pixel's cost: any weight leaves numbers, and the optimiser's steps do not grow with them.
+const STEEPEST: f32 = 1e3;
 /// Name in checkpoints.
 const NAME: &str = "masks.head";
 
@@ -119,7 +121,7 @@ impl VisibilityHead {
         let counts = |i: usize| beside.before.is_none_or(|before| before[i] > 0.0);
         let count = (0..residual.len()).filter(|i| counts(*i)).count().max(1) as f32;
         let bar = |(i, (r, v)): (usize, (&f32, &f32))| match counts(i) {
-            true => (OF_RESIDUAL * r + 2.0 * weight * (v - 1.0)) / count,
+            true => (OF_RESIDUAL * r + 2.0 * weight * (v - 1.0)).clamp(-STEEPEST, STEEPEST) / count,
             false => 0.0,
         };
         let visible_bar: Vec<f32> = residual.iter().zip(&seen.visible).enumerate().map(bar).collect();
