@@ -209,13 +209,7 @@ impl Costs {
         self.planes_bar.resize(3 * n, 0.0);
         let weights_of_pixels = match counted {
             Counted::All => target.weights,
-            Counted::Likely => {
-                let weight =
-                    |(i, pixel): (usize, &Composed)| likely(which, pixel) * target.weights.map_or(1.0, |w| w[i]);
-                self.weights.clear();
-                self.weights.extend(seen.composed.iter().enumerate().map(weight));
-                Some(&self.weights[..])
-            }
+            Counted::Likely => Some(likely_weights(which, seen, target, &mut self.weights)),
         };
         let pair = Pair {
             channels: 3,
@@ -262,10 +256,8 @@ impl Costs {
             (0..3).flat_map(|c| seen.composed.iter().map(move |pixel| of.of(pixel)[c])).collect()
         };
         let [x, y] = [planes(Which::Front), planes(Which::Behind)];
-        let counted =
-            |(i, pixel): (usize, &Composed)| likely(Which::Front, pixel) * target.weights.map_or(1.0, |w| w[i]);
-        let weights: Vec<f32> = seen.composed.iter().enumerate().map(counted).collect();
-        let of = Pictures { size: seen.behind.size, x: &x, y: &y, weights: Some(&weights) };
+        let weights = likely_weights(Which::Front, seen, target, &mut self.weights);
+        let of = Pictures { size: seen.behind.size, x: &x, y: &y, weights: Some(weights) };
         let mut both = [vec![0.0; 3 * n], vec![0.0; 3 * n]];
         let [x_bar, y_bar] = &mut both;
         let likeness = structure_backward(&of, weight, x_bar, y_bar)?;
@@ -325,6 +317,14 @@ impl Costs {
         }
         sum
     }
+}
+
+/// `[pixels]`, how much each counts of what one cloud alone costs, written over `out`.
+fn likely_weights<'a>(which: Which, seen: &Seen<'_>, target: &TargetPicture<'_>, out: &'a mut Vec<f32>) -> &'a [f32] {
+    let weight = |(i, pixel): (usize, &Composed)| likely(which, pixel) * target.weights.map_or(1.0, |w| w[i]);
+    out.clear();
+    out.extend(seen.composed.iter().enumerate().map(weight));
+    out
 }
 
 /// How much a pixel counts of what one cloud alone costs: 1 where it is most likely the cloud's. Not its share: steps of Adam are as long

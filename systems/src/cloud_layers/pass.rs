@@ -9,7 +9,9 @@ use crate::views::{
     RenderedPicture, SeenGaussians, StepCamera, TargetPicture, squared_error,
 };
 use float_core::Simd;
+use float_core::m32::logistic;
 use rayon::prelude::*;
+use splat_core::density::opacity;
 use splat_core::{Gaussians, View};
 
 /// Colour and depth of the cloud behind; those and masks of the one in front.
@@ -36,7 +38,7 @@ impl TwoLayers {
     /// The mask of a row.
     fn mask(&self, row: usize, extra: f32) -> f32 {
         let first = if self.settings.front_at_camera { CLEAR_AT_FIRST } else { MASKS_AT_FIRST };
-        sigmoid(first[row] + extra)
+        logistic(first[row] + extra)
     }
 
     /// The view as the cloud in front has it: where that goes with the camera, the camera stands at the origin.
@@ -47,10 +49,6 @@ impl TwoLayers {
             *view
         }
     }
-}
-
-fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
 }
 
 /// Logits of the masks of a Gaussian whose rows are 0: what is in front begins as opaque as its Gaussians, nearly.
@@ -88,7 +86,7 @@ impl CloudLayers for TwoLayers {
         let n = alone.len();
         for (i, logit) in alone.logit.iter_mut().enumerate() {
             let [own, behind, _] = self.masks(&front.extra, n, i);
-            let opacity = (sigmoid(*logit) * own / (own + behind).max(f32::MIN_POSITIVE)).clamp(1e-6, 1.0 - 1e-6);
+            let opacity = (logistic(*logit) * own / (own + behind).max(f32::MIN_POSITIVE)).clamp(1e-6, 1.0 - 1e-6);
             *logit = (opacity / (1.0 - opacity)).ln();
         }
         alone
@@ -138,7 +136,7 @@ impl LayeredPass {
         for seen in self.front.seen(0).gaussians.iter().filter(|_| begun) {
             let i = seen.index as usize;
             let [own, behind] = [0, 1].map(|row| front.extra[row * n + i]);
-            self.uses[i] = sigmoid(front.gaussians.logit[i]) * own / (own + behind + 1e-6);
+            self.uses[i] = opacity(front.gaussians, i) as f32 * own / (own + behind + 1e-6);
         }
     }
 

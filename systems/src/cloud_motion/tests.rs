@@ -215,7 +215,7 @@ fn a_moved_cloud_and_its_gradient_are_those_of_the_definition() {
 #[test]
 fn coherence_pulls_on_neighbours_and_only_where_it_is_asked_for() {
     let cloud = cloud();
-    // With respect to the networks, where the picture's gradient is so many times the cloud's numbers.
+    // The gradient of the networks, where that of the picture is the cloud's own numbers, multiplied by `times`.
     let networks = |motion_coherence: f32, times: f32| {
         let mut field = busy(MotionSettings { motion_coherence, ..SETTINGS });
         let mut bar = cloud.clone();

@@ -20,9 +20,9 @@ const SEEN: &str = "masks.photos";
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct MaskSettings {
-    /// Steps before masks are found first; the next are after twice as many, and so on,
+    /// Steps before masks are found first; the next are after twice as many, and so on.
     pub(crate) judge_first: u64,
-    /// but never more than so many steps apart: what is known now may be left out no longer.
+    /// Most steps between one search for masks and the next.
     pub(crate) judge_every: u64,
 }
 

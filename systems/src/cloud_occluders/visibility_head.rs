@@ -26,6 +26,7 @@ use engine::system::{SystemError, Tensor, TensorMap};
 use field_core::conv::{Extent, Size, resize, resize_backward};
 use field_core::rng::Rng;
 use float_core::Simd;
+use float_core::m32::logistic;
 use optim::AdamConfig;
 use serde::{Deserialize, Serialize};
 
@@ -108,7 +109,7 @@ impl VisibilityHead {
             SeenPhoto { size: beside.size, colour: beside.photo, weights: beside.before, view: None, depth: None };
         let small = Reference::of(&photo, self.head.head_side)?;
         let map = self.network.forward(&self.params.values, &small.pixels, memory);
-        let map: Vec<f32> = map.iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect();
+        let map: Vec<f32> = map.iter().map(|x| logistic(*x)).collect();
         let side = self.head.head_side / 2;
         let size = Size::one(side, side);
         let visible = resized(&map, size, beside.size);

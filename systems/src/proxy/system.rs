@@ -47,7 +47,7 @@ pub(crate) struct ProxyTerms {
     pub(crate) config: FieldConfig,
     /// So many Gaussians begin where it sees surfaces; `None`: the cloud begins as it is.
     pub(crate) seeds: Option<usize>,
-    /// About so many points of a sphere far around the scene are Gaussians of the sky, where it sees no surface; `None`: none.
+    /// Number of points of the sphere on which Gaussians of the sky begin, where the field sees no surface; `None`: there is no sky.
     pub(crate) sky: Option<usize>,
 }
 

@@ -6,7 +6,7 @@ use super::sky::FAR;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use field_core::rng::Rng;
 use splat_core::density::{
-    Adc, AxisSplit, Mcmc, Rows, SizeLimit, ViewSpaceGradients, keep_in_range, morton_order, without_non_finite,
+    Adc, AxisSplit, Mcmc, Rows, SizeLimit, ViewSpaceGradients, keep_in_range, morton_order, opacity, without_non_finite,
 };
 use splat_core::{Gaussians, SplatError};
 
@@ -250,7 +250,7 @@ impl DensityControl {
 fn is_sky(cloud: &Gaussians, i: usize, opacity_min: f64) -> bool {
     let n = cloud.len();
     let squares: f32 = (0..3).map(|axis| cloud.mean[axis * n + i].powi(2)).sum();
-    squares > FAR * FAR && 1.0 / (1.0 + (-f64::from(cloud.logit[i])).exp()) >= opacity_min
+    squares > FAR * FAR && opacity(cloud, i) >= opacity_min
 }
 
 /// Names in checkpoints: those of the first that were written.

@@ -82,7 +82,7 @@ impl Projections {
         view: &View,
         settings: &RasterSettings,
     ) -> Result<(), SplatError> {
-        self.eye = Some(eye_of(view));
+        self.eye = Some(view.centre());
         self.each.resize_with(clouds.len(), Projection::default);
         for (projection, cloud) in self.each.iter_mut().zip(clouds) {
             projection.project(simd, cloud.gaussians, view, settings, cloud.degree)?;
@@ -209,9 +209,4 @@ impl Projections {
             }
         }
     }
-}
-
-/// Where the camera of a view is.
-fn eye_of(view: &View) -> [f32; 3] {
-    [0, 1, 2].map(|k| -(0..3).map(|i| view.r[i][k] * view.t[i]).sum::<f32>())
 }

@@ -5,7 +5,6 @@
 //! ```
 
 use super::driver::{Clouds, Views};
-use super::front::Front;
 use engine::neighbours::Neighbours;
 use rayon::prelude::*;
 use splat_core::density::opacity;
@@ -57,8 +56,7 @@ impl Ways {
 impl Views {
     /// Whether anything moves that pictures show.
     pub(super) fn shows_motion(&self) -> bool {
-        let hidden = self.parts.layers.as_ref().is_some_and(|layers| layers.front == Front::Hidden);
-        self.parts.motion.is_some() && !hidden
+        self.parts.motion.is_some() && !self.hides_front()
     }
 
     /// As [`System::scene_flow`](engine::system::System::scene_flow).

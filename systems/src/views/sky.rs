@@ -20,6 +20,7 @@ use render_core::ray::Ray;
 use render_core::rig::up_axis;
 use scene_io::SceneError;
 use splat_core::{Gaussians, SplatError};
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// The sphere is so much larger than the scene.
@@ -165,14 +166,11 @@ pub(crate) fn shown(
 ) -> Result<Vec<SkyPlace>, SceneError> {
     // Of all photos, and of those with nothing before it: sums of colours, and how many there are.
     let mut sums = vec![[([0.0_f32; 3], 0.0_f32); 2]; points.len()];
-    for view in 0..data.len() {
-        let of_view = |(k, point): (usize, &SkyPoint)| {
-            point.pixels.iter().find(|pixel| pixel.view == view).map(|pixel| (k, pixel.at))
-        };
-        let pixels: Vec<(usize, [u32; 2])> = points.iter().enumerate().filter_map(of_view).collect();
-        if pixels.is_empty() {
-            continue;
-        }
+    let mut of_view: BTreeMap<usize, Vec<(usize, [u32; 2])>> = BTreeMap::new();
+    for (k, point) in points.iter().enumerate() {
+        point.pixels.iter().for_each(|pixel| of_view.entry(pixel.view).or_default().push((k, pixel.at)));
+    }
+    for (view, pixels) in of_view {
         let (camera, image) = (data.view(view).camera.prepare(), data.image(view)?);
         let ray = |(k, [x, y]): (usize, [u32; 2])| {
             let used = x < image.width && y < image.height && image.is_used(x, y);

@@ -85,6 +85,13 @@ impl Views {
     }
 }
 
+impl Views {
+    /// Whether there is a cloud in front that pictures do not show.
+    pub(super) fn hides_front(&self) -> bool {
+        self.parts.layers.as_ref().is_some_and(|layers| layers.front == Front::Hidden)
+    }
+}
+
 impl System for Views {
     fn name(&self) -> &'static str {
         self.parts.name
@@ -201,8 +208,7 @@ impl System for Views {
 
     fn bounds(&self) -> [[f64; 3]; 2] {
         // What pictures never show may be of another frame.
-        let hidden = self.parts.layers.as_ref().is_some_and(|layers| layers.front == Front::Hidden);
-        let shown = if hidden { 1 } else { self.parts.clouds.len() };
+        let shown = if self.hides_front() { 1 } else { self.parts.clouds.len() };
         let clouds = self.parts.clouds.iter().take(shown).map(|cloud| &cloud.parameters.gaussians);
         let points: Vec<DVec3> =
             clouds.flat_map(|cloud| (0..cloud.len()).map(|i| world_point(cloud, i, &self.parts.frame))).collect();

@@ -176,11 +176,14 @@ impl AskedLayers {
     /// For people.
     pub(super) fn line(&self, times: PhotoTimes) -> String {
         let FrontConfig { front_count, front_max, .. } = self.front;
-        let shown = match times {
-            PhotoTimes::Own => "pictures show both clouds",
-            PhotoTimes::Order => "each photo shows another time of it; pictures show the cloud behind alone",
+        let (what, shown) = match times {
+            PhotoTimes::Own => ("what moves", "pictures show both clouds"),
+            PhotoTimes::Order => (
+                "what stands before single photos",
+                "each photo shows another time of it; pictures show the cloud behind alone",
+            ),
         };
-        format!("front: a cloud of what moves, of {front_count} Gaussians at first and at most {front_max}; {shown}")
+        format!("front: a cloud of {what}, of {front_count} Gaussians at first and at most {front_max}; {shown}")
     }
 }
 

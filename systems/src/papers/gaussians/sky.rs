@@ -1,7 +1,7 @@
 //! Whether a cloud begins with Gaussians of the sky besides those of the scene.
 
 use crate::views::cloud_frame::CloudFrame;
-use crate::views::sky::{SkySphere, shown};
+use crate::views::sky::{SkyPoint, SkySphere, shown};
 use crate::views::start::Start;
 use crate::views::{MOST, first_of, refused, unless};
 use engine::data::Dataset;
@@ -45,17 +45,19 @@ impl SkySettings {
 
 /// What a scene asks for.
 pub(super) struct SkyPlan {
-    /// About so many points of the sphere are asked, by the field before the cloud or by cameras alone; `None`: there is no sky.
-    by: Option<(SkyBy, usize)>,
+    by: SkyBy,
     /// For people.
     pub(super) line: Option<String>,
 }
 
 /// What says where sky is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SkyBy {
-    Field,
-    Cameras,
+    /// There is none.
+    Nothing,
+    /// The field before the cloud, of a sphere of about so many points around what it sees.
+    Field(usize),
+    /// Cameras alone: the points that photos have in their upper part.
+    Cameras(SkySphere, Vec<SkyPoint>),
 }
 
 /// What is known of a scene before its cloud begins.
@@ -81,9 +83,9 @@ impl BeforeSky<'_> {
 impl SkySettings {
     /// Whether a cloud begins with a sky, and why not.
     pub(super) fn plan(&self, scene: &BeforeSky<'_>) -> SkyPlan {
-        let none = |why: &str| SkyPlan { by: None, line: Some(format!("sky: no Gaussians, as {why}")) };
+        let none = |why: &str| SkyPlan { by: SkyBy::Nothing, line: Some(format!("sky: no Gaussians, as {why}")) };
         if self.sky == SkyChoice::No {
-            return SkyPlan { by: None, line: None };
+            return SkyPlan { by: SkyBy::Nothing, line: None };
         }
         if scene.cut_out {
             return none("the thing is cut out");
@@ -92,33 +94,36 @@ impl SkySettings {
             return none("no field says where nothing is in front of it (`--set sky=yes` has them all around)");
         }
         let count = self.sky_splats;
-        let seen = scene.sphere(count).points(scene.data).len();
-        if seen == 0 {
+        let sphere = scene.sphere(count);
+        let points = sphere.points(scene.data);
+        if points.is_empty() {
             return none("no photo has a place above the horizon in its upper part");
         }
+        let (seen, of) = (points.len(), SkySphere::odd(count));
         let (by, limit) = match scene.field {
-            true => (SkyBy::Field, ", unless the field sees surfaces of the scene there"),
-            false => (SkyBy::Cameras, ""),
+            true => (SkyBy::Field(count), ", unless the field sees surfaces of the scene there"),
+            false => (SkyBy::Cameras(sphere, points), ""),
         };
-        let of = SkySphere::odd(count);
         let line = format!(
             "sky: Gaussians at {seen} of {of} points of a sphere far around the scene, which photos have in their upper part{limit}"
         );
-        SkyPlan { by: Some((by, count)), line: Some(line) }
+        SkyPlan { by, line: Some(line) }
     }
 }
 
 impl SkyPlan {
-    /// Points of the sphere that the field is asked of.
+    /// About so many points of a sphere are asked of the field.
     pub(super) fn of_field(&self) -> Option<usize> {
-        self.by.filter(|(by, _)| *by == SkyBy::Field).map(|(_, count)| count)
+        match self.by {
+            SkyBy::Field(count) => Some(count),
+            SkyBy::Nothing | SkyBy::Cameras(..) => None,
+        }
     }
 
     /// Add the sky that cameras alone say to a cloud at its start, as much as there is room for.
     pub(super) fn add_to(&self, start: &mut Start, scene: &BeforeSky<'_>, most: usize) -> Result<(), SystemError> {
-        let Some((SkyBy::Cameras, count)) = self.by else { return Ok(()) };
-        let sphere = scene.sphere(count);
-        let points = shown(scene.data, &sphere.points(scene.data), |rays| vec![true; rays.len()])?;
-        start.add_sky(&sphere, &points, scene.frame, most).map_err(refused)
+        let SkyBy::Cameras(sphere, points) = &self.by else { return Ok(()) };
+        let places = shown(scene.data, points, |rays| vec![true; rays.len()])?;
+        start.add_sky(sphere, &places, scene.frame, most).map_err(refused)
     }
 }
