@@ -17,7 +17,7 @@ pub const PERTURBED: &str = "perturbed:";
 const SEED: u64 = 0;
 
 /// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, the same without what moves (`synthetic:orbit-empty`),
-/// `synthetic:mouth`, `synthetic:tissue`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
+/// filmed by a camera that walks (`synthetic:walk`), `synthetic:mouth`, `synthetic:tissue`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
 ///
 /// # Errors
 /// [`RunError::Scene`] for datasets that cannot be read, [`RunError::Option`] for words that mean nothing.
@@ -91,11 +91,11 @@ pub fn as_asked(mut scene: Scene, data: &DataOptions) -> Result<Scene, RunError>
     Ok(scene)
 }
 
-/// The scene behind `synthetic:orbit` or `synthetic:mouth`, which is known exactly at every time; `None` for all other words.
+/// The scene behind `synthetic:orbit` and `synthetic:walk`, or `synthetic:mouth`, which is known exactly at every time; `None` for all other words.
 #[must_use]
 pub fn drawn(spec: &str) -> Option<Drawn> {
     match spec.strip_prefix(SYNTHETIC)? {
-        "orbit" => {
+        "orbit" | "walk" => {
             let OrbitOptions { seed, motion, .. } = OrbitOptions::default();
             Some(Drawn::Orbit(Orbit::new(seed, motion)))
         }
@@ -113,17 +113,18 @@ fn synthetic(name: &str, data: &DataOptions) -> Result<Scene, RunError> {
     let photos = data.load_options()?.train_photos;
     match name {
         "plaza" => Ok(plaza(&PlazaOptions { photos, ..PlazaOptions::default() })),
-        "tabletop" | "orbit" | "orbit-empty" | "mouth" | "tissue" if photos == TrainPhotos::Clean => {
+        "tabletop" | "orbit" | "orbit-empty" | "walk" | "mouth" | "tissue" if photos == TrainPhotos::Clean => {
             Err(RunError::Option(format!("`{SYNTHETIC}{name}` makes no difference between cluttered and clean photos")))
         }
         "tabletop" => Ok(tabletop(&TabletopOptions::default())),
         "orbit" => Ok(orbit(&OrbitOptions::default())),
         "orbit-empty" => Ok(orbit(&OrbitOptions { motion: OrbitMotion::Gone, ..OrbitOptions::default() })),
+        "walk" => Ok(orbit(&OrbitOptions::walk())),
         "mouth" => Ok(mouth(&MouthOptions::default())),
         "tissue" => Ok(tissue(&TissueOptions::default())),
         other => Err(RunError::Option(format!(
             "there is no scene `{SYNTHETIC}{other}`; there are `{SYNTHETIC}tabletop`, `{SYNTHETIC}orbit`, \
-             `{SYNTHETIC}orbit-empty`, `{SYNTHETIC}mouth`, `{SYNTHETIC}tissue` and `{SYNTHETIC}plaza`"
+             `{SYNTHETIC}orbit-empty`, `{SYNTHETIC}walk`, `{SYNTHETIC}mouth`, `{SYNTHETIC}tissue` and `{SYNTHETIC}plaza`"
         ))),
     }
 }
@@ -143,6 +144,17 @@ mod tests {
         assert!(error.contains("`synthetic:mouth`"), "{error}");
         let holdout = DataOptions { holdout: Some("every:8".into()), ..DataOptions::default() };
         assert!(matches!(load("synthetic:mouth", &holdout), Err(RunError::Option(_))));
+    }
+
+    #[test]
+    fn the_walk_is_a_film_of_the_stage_with_validation_views_of_its_own() {
+        let data = DataOptions { validation: Some("dataset".into()), ..DataOptions::default() };
+        let scene = load_in_order("synthetic:walk", &data).unwrap();
+        assert_eq!([Split::Train, Split::Val, Split::Test].map(|split| scene.count(split)), [24, 8, 12]);
+        let train: Vec<_> = scene.split(Split::Train).map(|i| &scene.frames[i]).collect();
+        let steps = train.windows(2).map(|pair| pair[0].camera.pose.c.distance(pair[1].camera.pose.c));
+        assert!(steps.fold(0.0, f64::max) < 1.0, "it walks");
+        assert!(train.windows(2).all(|pair| pair[0].time < pair[1].time));
     }
 
     #[test]
@@ -175,8 +187,8 @@ mod tests {
     }
 
     #[test]
-    fn two_words_name_scenes_that_are_known_at_every_time() {
-        for word in ["synthetic:orbit", "synthetic:mouth"] {
+    fn words_name_scenes_that_are_known_at_every_time() {
+        for word in ["synthetic:orbit", "synthetic:walk", "synthetic:mouth"] {
             assert_eq!(drawn(word).unwrap().at(0.25).time(), 0.25);
         }
         for word in ["orbit", "synthetic:tabletop", "synthetic:tissue", "perturbed:o:synthetic:orbit", ""] {

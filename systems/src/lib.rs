@@ -44,6 +44,7 @@ pub(crate) mod schedule;
 pub(crate) mod settings;
 pub mod space;
 pub mod splats;
+pub(crate) mod static_maps;
 pub(crate) mod survey;
 pub mod terms;
 pub mod views;

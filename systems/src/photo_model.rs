@@ -14,6 +14,7 @@
 //!
 //! A field without a photo model does none of this and pays for none of it.
 
+use crate::static_maps::StaticMaps;
 use engine::data::{Batch, Dataset, Patches};
 use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;
@@ -278,6 +279,11 @@ pub trait PhotoModel: Send + Sync {
     /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the photo model does not say.
     fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         let _ = seen;
+        None
+    }
+
+    /// Which parts of all photos are static, as found by now; `None` where nothing of that is kept, or found yet.
+    fn static_maps(&self) -> Option<&StaticMaps> {
         None
     }
 

@@ -66,8 +66,8 @@ pub(crate) struct Priors {
     /// Only the first N training photos in time
     #[arg(long, value_name = "N", value_parser = at_least_two)]
     pub(crate) frames: Option<usize>,
-    /// Write what is exactly known instead of what photos tell, of `synthetic:orbit` and `synthetic:mouth`; disparities, too, as
-    /// `disp/NAME.npy`
+    /// Write what is exactly known instead of what photos tell, of `synthetic:orbit`, `synthetic:walk` and `synthetic:mouth`; disparities,
+    /// too, as `disp/NAME.npy`
     ///
     /// Flow is `1e10` where nothing is seen and where the other photo does not show the same point, disparity is 1 / depth and NaN where
     /// nothing is seen, and masks are 255 wherever a pixel shows anything of a thing that moves at some time.
@@ -80,8 +80,8 @@ pub(crate) struct Priors {
 #[derive(Debug, Args)]
 pub(crate) struct Check {
     /// Dataset folder or file, or a scene that needs no files: `synthetic:tabletop`, `synthetic:plaza` (photos of many people),
-    /// `synthetic:orbit` (moving), `synthetic:orbit-empty` (the same without what moves), `synthetic:mouth` (opening and splitting),
-    /// `synthetic:tissue` (deforming, with depth)
+    /// `synthetic:orbit` (moving), `synthetic:orbit-empty` (the same without what moves), `synthetic:walk` (the same in 24 photos
+    /// of a camera that walks), `synthetic:mouth` (opening and splitting), `synthetic:tissue` (deforming, with depth)
     ///
     /// `perturbed:c:` before it changes the colours of each training photo, `perturbed:o:` covers a part of it with squares,
     /// `perturbed:co:` does both.

@@ -59,8 +59,9 @@ pub fn opacity(cloud: &Gaussians, i: usize) -> f64 {
     m64::logistic(f64::from(cloud.logit[i]))
 }
 
-/// The parameter of an opacity, the inverse of the logistic function.
-fn logit(opacity: f64) -> f32 {
+/// The parameter of an opacity in `(0, 1)`, the inverse of the logistic function.
+#[must_use]
+pub fn logit(opacity: f64) -> f32 {
     (m64::ln(opacity) - m64::ln_1p(-opacity)) as f32
 }
 

@@ -12,6 +12,7 @@ use engine::neighbours::mean_squared_distances;
 use engine::surface::POINT_OPACITY;
 use glam::{DQuat, DVec2, DVec3};
 use rayon::prelude::*;
+use splat_core::density::logit;
 use splat_core::{Gaussians, SH_0};
 use std::collections::HashMap;
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -188,7 +189,7 @@ fn merged(samples: &[Sample], side: f64) -> Vec<Cell> {
 fn gaussians(cells: &[Cell], side: f64, degree: usize) -> Result<Gaussians, splat_core::SplatError> {
     let n = cells.len();
     let mut cloud = Gaussians::new(n, degree)?;
-    cloud.logit.fill((OPACITY / (1.0 - OPACITY)).ln() as f32);
+    cloud.logit.fill(logit(OPACITY));
     let places: Vec<[f64; 3]> = cells.iter().map(|c| c.x.to_array()).collect();
     let squares = mean_squared_distances(&places);
     for (i, (cell, square)) in cells.iter().zip(squares).enumerate() {

@@ -2,9 +2,9 @@
 
 use crate::limits::at_least_1;
 use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig, PhotoOutliers};
-use crate::occluders::static_maps::{StaticMap, StaticMaps};
 use crate::occluders::survey::{is_doubled, survey_stride};
 use crate::photo_model::PhotoAndRender;
+use crate::static_maps::{StaticMap, StaticMaps};
 use crate::views::{StepPhoto, SurveyJudge, Weights, nearest, source};
 use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap};
@@ -112,6 +112,11 @@ impl SurveyJudge for PhotoMasks {
     fn settle(&mut self) {
         let photos = self.judge.static_parts(&self.outliers.trimming(), self.outliers.judge_scale);
         self.seen.set_all(photos.into_iter().map(|photo| photo.whole).collect());
+        self.flat = self.flatten();
+    }
+
+    fn begin_with(&mut self, maps: &StaticMaps) {
+        self.seen = maps.clone();
         self.flat = self.flatten();
     }
 

@@ -5,7 +5,6 @@
 //! * `none`: no occluders, every pixel shows the scene;
 //! * `pixel_error`: the loss of a pixel's error, squared or robust; `likelihood`: its likelihood under an uncertainty;
 //! * `pixel_network`: a small network over the pixels of photos; `photo_features`: what a large one made of the photos, from files;
-//! * `static_maps`: which squares of each photo are static;
 //! * `survey`: when all photos are compared with the field, and at what scale; `outliers`: the static maps found by that, from
 //!   `expected_error`; `scene_guard`: what is part of the scene, however badly it is rendered.
 
@@ -17,13 +16,13 @@ pub(crate) mod photo_features;
 pub(crate) mod pixel_error;
 pub(crate) mod pixel_network;
 pub(crate) mod scene_guard;
-pub(crate) mod static_maps;
 pub(crate) mod survey;
 
 pub use outliers::OutlierConfig;
 pub use pixel_error::{KernelConfig, KernelKind};
 
 use crate::photo_model::{Codes, Drawing, Outcome, PhotoAndRender, Pixel, PixelBar};
+use crate::static_maps::StaticMaps;
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 
@@ -96,6 +95,11 @@ pub(crate) trait OccluderModel: Send + Sync {
 
     /// Which pixels of a training view show the static scene: 1 static, 0 transient. `None` where the model does not say.
     fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>>;
+
+    /// Which parts of all photos are static, as found by now; `None` where nothing of that is kept, or found yet.
+    fn static_maps(&self) -> Option<&StaticMaps> {
+        None
+    }
 
     /// How far a training view's pixels may be from the scene, `> 0`, colour units. `None` where the model does not say.
     fn uncertainty(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {

@@ -9,9 +9,9 @@
 
 use super::expected_error::ExpectedError;
 use super::scene_guard::{Marked, PhotoGeometry, STRICT, even_out, marks_of_the_scene};
-use super::static_maps::StaticMap;
 use crate::limits::{positive, refuse, within};
 use crate::photo_model::PhotoAndRender;
+use crate::static_maps::StaticMap;
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::SystemError;

@@ -125,6 +125,10 @@ impl Proxied {
 
     /// The cloud begins. Of photos that show much of nothing more pixels are drawn the second time, so that as many see something.
     fn seed(&mut self, data: &Dataset) -> Result<(), SystemError> {
+        // Nothing begins where masks say that a photo does not show the scene.
+        if let Some(maps) = self.field.as_ref().and_then(RaySystem::static_maps) {
+            self.cloud.begin_with_masks(maps);
+        }
         let Some(seeds) = self.terms.seeds else { return Ok(()) };
         let mut points = self.see_spread(data, seeds)?;
         // Where the field sees nothing, the start that was planned stays.

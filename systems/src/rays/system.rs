@@ -6,6 +6,7 @@ use super::point_flow::LearnedFlow;
 use super::{account, fit, points, render, state};
 use crate::fields::MovingPart;
 use crate::samplers::Occupancy;
+use crate::static_maps::StaticMaps;
 use crate::survey::Surveys;
 use crate::warps::Deform;
 use engine::data::Dataset;
@@ -15,6 +16,13 @@ use engine::system::{
 };
 use render_core::budget::Ledger;
 use render_core::ray::Ray;
+
+impl RaySystem {
+    /// Which parts of all photos are static, where its model of the photos has found that.
+    pub(crate) fn static_maps(&self) -> Option<&StaticMaps> {
+        self.photo_model.as_ref()?.static_maps()
+    }
+}
 
 impl System for RaySystem {
     fn name(&self) -> &'static str {

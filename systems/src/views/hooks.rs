@@ -4,6 +4,7 @@ use super::cloud_parameters::CloudParameters;
 use super::drawing::VisibleCloud;
 use super::weights::{StepPhoto, Weights};
 use crate::photo_model::PhotoAndRender;
+use crate::static_maps::StaticMaps;
 use engine::data::Dataset;
 use engine::system::{Appearance, SystemError, Tensor, TensorMap};
 use float_core::Simd;
@@ -193,6 +194,9 @@ pub(crate) trait SurveyJudge: Send + Sync {
 
     /// All have been seen.
     fn settle(&mut self);
+
+    /// Before the first survey: what something else has found of all photos.
+    fn begin_with(&mut self, maps: &StaticMaps);
 
     /// Multiply the weights of a photo's pixels.
     fn weigh(&self, photo: &StepPhoto<'_>, weights: &mut Weights);

@@ -5,6 +5,7 @@ use super::driver::Views;
 use super::refusal::refused;
 use super::sky::{SkyPlace, SkySphere};
 use super::start::{NewGaussian, Place, Start, round};
+use crate::static_maps::StaticMaps;
 use engine::data::Dataset;
 use engine::system::SystemError;
 use field_core::rng::Rng;
@@ -76,6 +77,13 @@ impl Views {
         let counts = |i: &usize| self.target.weights.get().is_none_or(|w| w[*i] > 0.0);
         let colour = |i: usize| [0, 1, 2].map(|c| self.target.colour[c * n + i]);
         PhotoPixels { camera, pixels: pixels.filter(counts).map(|i| (i, colour(i))).collect() }
+    }
+
+    /// Masks of all photos that were found before the cloud begins.
+    pub(crate) fn begin_with_masks(&mut self, maps: &StaticMaps) {
+        if let Some(surveys) = &mut self.parts.surveys {
+            surveys.begin_with(maps);
+        }
     }
 
     /// Begin the first cloud anew at places, each as large as its neighbours are far.

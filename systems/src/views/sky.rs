@@ -19,6 +19,7 @@ use render_core::camera::{Camera, Prepared};
 use render_core::ray::Ray;
 use render_core::rig::up_axis;
 use scene_io::SceneError;
+use splat_core::density::logit;
 use splat_core::{Gaussians, SplatError};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -149,7 +150,7 @@ impl SkySphere {
         };
         let new: Vec<NewGaussian> = (0..room).map(|k| one(place(k))).collect();
         let mut cloud = round(&new, degree)?;
-        cloud.logit.fill((OPACITY / (1.0 - OPACITY)).ln() as f32);
+        cloud.logit.fill(logit(OPACITY));
         Ok(cloud)
     }
 }

@@ -21,6 +21,7 @@ use field_core::rng::Rng;
 use glam::DVec3;
 use rayon::prelude::*;
 use scene_io::{Bounds, Point};
+use splat_core::density::logit;
 use splat_core::{Gaussians, SH_0, SplatError};
 
 /// Opacity of all.
@@ -206,7 +207,7 @@ pub(super) struct NewGaussian {
 pub(super) fn round(new: &[NewGaussian], degree: usize) -> Result<Gaussians, SplatError> {
     let n = new.len();
     let mut cloud = Gaussians::new(n, degree)?;
-    cloud.logit.fill((OPACITY / (1.0 - OPACITY)).ln() as f32);
+    cloud.logit.fill(logit(OPACITY));
     for (k, one) in new.iter().enumerate() {
         for axis in 0..3 {
             cloud.mean[axis * n + k] = one.x[axis] as f32;

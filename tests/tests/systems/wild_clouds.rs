@@ -210,6 +210,24 @@ fn an_appearance_for_each_photo_is_worth_what_it_costs() {
     check_worth(NAME, 3.0);
 }
 
+/// F1 of the masks against what stands before the scene, and the share of that which they find.
+fn score_masks(system: &dyn System, scene: &Scene, train: &Dataset) -> [f64; 2] {
+    let (mut right, mut marked, mut hidden) = (0.0, 0.0, 0.0);
+    for view in 0..train.len() {
+        let bars = scene.frames[train.view(view).frame].perturbation.as_ref().and_then(|p| p.bars);
+        let mask = system.visibility(train, view).unwrap().unwrap();
+        for (i, counts) in mask.iter().enumerate() {
+            let (x, y) = (i as u32 % SIDE, i as u32 / SIDE);
+            let is_hidden = bars.is_some_and(|bars| bars.at(x, y).is_some());
+            let is_marked = *counts == 0.0;
+            right += f64::from(u8::from(is_hidden && is_marked));
+            (marked, hidden) = (marked + f64::from(u8::from(is_marked)), hidden + f64::from(u8::from(is_hidden)));
+        }
+    }
+    println!("{marked} pixels marked, {hidden} hidden, {right} of them found");
+    [2.0 * right / (marked + hidden), right / hidden]
+}
+
 #[test]
 fn masks_find_what_stands_before_the_scene() {
     let scene = scene(24, PerturbationKind::Occluder);
@@ -217,23 +235,28 @@ fn masks_find_what_stands_before_the_scene() {
     // Structure marks what is not learnt yet, too: thin things in pictures this small.
     for (set, least) in [(&["judge_first=100"][..], 0.5), (&["occluders=residual", "judge_from=0.3"], 0.3)] {
         let system = trained(NAME, &scene, &train, &[&["appearance=none"], set].concat(), 600);
-        let (mut right, mut marked, mut hidden) = (0.0, 0.0, 0.0);
-        for view in 0..train.len() {
-            let bars = scene.frames[train.view(view).frame].perturbation.as_ref().and_then(|p| p.bars);
-            let mask = system.visibility(&train, view).unwrap().unwrap();
-            for (i, counts) in mask.iter().enumerate() {
-                let (x, y) = (i as u32 % SIDE, i as u32 / SIDE);
-                let is_hidden = bars.is_some_and(|bars| bars.at(x, y).is_some());
-                let is_marked = *counts == 0.0;
-                right += f64::from(u8::from(is_hidden && is_marked));
-                (marked, hidden) = (marked + f64::from(u8::from(is_marked)), hidden + f64::from(u8::from(is_hidden)));
-            }
-        }
-        let f1 = 2.0 * right / (marked + hidden);
-        let found = right / hidden;
-        println!("{set:?}: F1 {f1:.2}, {marked} pixels marked, {hidden} hidden, {found:.2} of them found");
+        let [f1, found] = score_masks(&*system, &scene, &train);
+        println!("{set:?}: F1 {f1:.2}, {found:.2} found");
         assert!(f1 > least && found > 0.5, "{set:?}: F1 {f1}, {found} found");
     }
+}
+
+#[test]
+fn a_cloud_begins_with_the_masks_of_the_field_before_it() {
+    let scene = scene(24, PerturbationKind::Occluder);
+    let train = views(&scene, 1).0;
+    let set = ["appearance=none", "start=field", "field_steps=200", "judge_first=1000"];
+    let (mut system, plan) = planned(NAME, &scene, &train, &set).unwrap();
+    assert!(plan.lines.iter().any(|line| line.contains("begins with its masks")), "{:?}", plan.lines);
+    // The cloud itself has not looked for masks yet.
+    for step in 0..203 {
+        system.step(&train, step).unwrap();
+    }
+    assert!(system.is_cloud());
+    let [f1, found] = score_masks(&*system, &scene, &train);
+    assert!(f1 > 0.4 && found > 0.5, "F1 {f1}, {found} found");
+    let (_, plan) = planned(NAME, &scene, &train, &[&set[..3], &["occluders=none"]].concat()).unwrap();
+    assert!(!plan.lines.iter().any(|line| line.contains("begins with its masks")), "nothing is left out");
 }
 
 /// Each of these settings is refused, by a line with its name.

@@ -37,20 +37,12 @@ pub(in crate::sections) fn small_orbit() -> OrbitOptions {
 }
 
 impl Film {
-    /// Training photos. A camera that walks has as many as the films that scene flow was published with: from one to the next things go
-    /// more than a pixel far, where they go a third of one in the 80 of a camera that jumps.
-    fn frames(self) -> usize {
-        match self.camera {
-            OrbitCamera::Walking => 24,
-            _ => OrbitOptions::default().train,
-        }
-    }
-
     /// In quick runs it is small.
     fn options(self, extent: Extent) -> OrbitOptions {
         let camera = self.camera;
         match extent {
-            Extent::Full => OrbitOptions { train: self.frames(), val: 8, camera, ..OrbitOptions::default() },
+            Extent::Full if camera == OrbitCamera::Walking => OrbitOptions::walk(),
+            Extent::Full => OrbitOptions { val: 8, camera, ..OrbitOptions::default() },
             Extent::Quick => OrbitOptions { val: 2, camera, ..small_orbit() },
         }
     }

@@ -44,6 +44,8 @@ pub(super) enum Kind {
 pub(super) struct Entry {
     pub(super) name: &'static str,
     pub(super) system: &'static str,
+    /// The system of its kind without masks and codes: what it wins back is counted between this on its photos and on clean ones.
+    pub(super) base: &'static str,
     /// TOML.
     pub(super) set: &'static str,
     pub(super) segments: Segments,
@@ -71,9 +73,17 @@ pub(super) enum Aim {
     Loss(f64),
 }
 
+/// A field, and a cloud, that take photos as they are.
+const FIELD: &str = "plain";
+const CLOUD: &str = "splat";
+
 impl Entry {
     const fn new(system: &'static str) -> Self {
-        Self { name: system, system, set: "", segments: Segments::Own, aims: &[] }
+        Self { name: system, system, base: FIELD, set: "", segments: Segments::Own, aims: &[] }
+    }
+
+    const fn cloud(system: &'static str) -> Self {
+        Self { base: CLOUD, ..Self::new(system) }
     }
 
     const fn set(self, name: &'static str, set: &'static str) -> Self {
@@ -91,7 +101,9 @@ impl Entry {
 
 /// What `plain` is compared with: the system of `nerf-static` itself.
 pub(super) const NGP: Entry = Entry::new("ngp").set("ngp of nerf-static", "");
-const PLAIN: Entry = Entry::new("plain");
+const PLAIN: Entry = Entry::new(FIELD);
+/// What clouds are compared with: the cloud of `nerf-static`.
+const SPLAT: Entry = Entry::cloud(CLOUD);
 const ROBUST: Entry = Entry::new("robust-nerf");
 const L1: Entry = ROBUST.set("robust-nerf: L1, no masks", "kernel = 'l1'\njudging = 'never'");
 const CHARBONNIER: Entry =
@@ -107,19 +119,19 @@ const SF_NERF: Entry = Entry::new("sf-nerf");
 const SF_NERF_ONE_APPEARANCE: Entry = SF_NERF.set("sf-nerf, one appearance", "appearance = 'none'");
 const HUGS: Entry = Entry::new("hugs");
 const HUGS_CODES: Entry = HUGS.set("hugs with codes", "appearance = 'codes'");
-const WILD_GAUSSIANS: Entry = Entry::new("wild-gaussians");
+const WILD_GAUSSIANS: Entry = Entry::cloud("wild-gaussians");
 const CLOUD_ONE_APPEARANCE: Entry = WILD_GAUSSIANS.set("wild-gaussians, one appearance", "appearance = 'none'");
 const CLOUD_ALL_SHOWN: Entry = WILD_GAUSSIANS.set("wild-gaussians, no masks", "occluders = 'none'");
 /// Without features beside the photos: masks by errors.
-const SPOTLESS: Entry = Entry::new("spotless");
+const SPOTLESS: Entry = Entry::cloud("spotless");
 const CLOUD_STRUCTURE: Entry = WILD_GAUSSIANS.set("wild-gaussians, masks of structure", "occluders = 'residual'");
 
 /// Pictures of what is behind; one appearance.
-const DEGAUSS: Entry = Entry::new("degauss");
-const GS_W: Entry = Entry::new("gs-w");
+const DEGAUSS: Entry = Entry::cloud("degauss");
+const GS_W: Entry = Entry::cloud("gs-w");
 const GS_W_VISIBILITY: Entry = GS_W.set("gs-w, the paper's map", "occluders = 'visibility'");
 /// Without depth files beside the photos.
-const WILD_GS: Entry = Entry::new("wild-gs");
+const WILD_GS: Entry = Entry::cloud("wild-gs");
 const WILD_GS_VISIBILITY: Entry = WILD_GS.set("wild-gs, the paper's mask", "occluders = 'visibility'");
 
 /// Every appearance is the same there, or known: whole views count.
@@ -135,7 +147,7 @@ const PERTURBED: [Photos; 4] = [
         // The perturbed ones are made of these: there are no others.
         split: None,
         appearances: KNOWN_APPEARANCE,
-        entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)]), HUGS.aims(&[Aim::Loss(0.5)])],
+        entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)]), HUGS.aims(&[Aim::Loss(0.5)]), SPLAT],
     },
     Photos {
         name: "o",
@@ -152,13 +164,14 @@ const PERTURBED: [Photos; 4] = [
             NERF_W,
             HA_NERF_T,
             SF_NERF_ONE_APPEARANCE,
+            SPLAT,
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ONE_APPEARANCE,
             SPOTLESS,
-            DEGAUSS,
+            DEGAUSS.aims(&[Aim::Share(85.0)]),
             CLOUD_STRUCTURE,
             GS_W,
-            WILD_GS,
+            WILD_GS.aims(&[Aim::Share(85.0)]),
         ],
     },
     Photos {
@@ -171,10 +184,11 @@ const PERTURBED: [Photos; 4] = [
             NERF_A.aims(&[Aim::Share(85.0)]),
             NERF_W.aims(&[Aim::Share(85.0)]),
             HA_NERF_A.aims(&[Aim::Share(85.0)]),
+            SPLAT,
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ALL_SHOWN,
-            GS_W,
-            WILD_GS,
+            GS_W.aims(&[Aim::Share(85.0)]),
+            WILD_GS.aims(&[Aim::Share(85.0)]),
         ],
     },
     Photos {
@@ -189,6 +203,7 @@ const PERTURBED: [Photos; 4] = [
             NERF_W.aims(&[Aim::Share(80.0)]),
             HA_NERF,
             SF_NERF,
+            SPLAT,
             WILD_GAUSSIANS.aims(&[Aim::Share(85.0)]),
             CLOUD_ONE_APPEARANCE,
             SPOTLESS,
@@ -210,6 +225,7 @@ const EVERYTHING: &[Entry] = &[
     NERF_W,
     HA_NERF,
     SF_NERF,
+    SPLAT,
     WILD_GAUSSIANS,
     CLOUD_ONE_APPEARANCE,
     SPOTLESS,
@@ -247,7 +263,7 @@ pub(super) const YARD: &[Group] = &[Group {
             kind: Kind::Clean,
             split: Some("clean"),
             appearances: ONE_APPEARANCE,
-            entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)])],
+            entries: &[PLAIN, ROBUST.aims(&[Aim::Loss(0.5)]), SPLAT],
         },
         Photos {
             name: "occluders",
@@ -268,6 +284,11 @@ pub(super) const YARD: &[Group] = &[Group {
                 NERF_W,
                 HA_NERF,
                 SF_NERF,
+                SPLAT,
+                WILD_GAUSSIANS.aims(&[Aim::Share(85.0), Aim::F1(0.75)]),
+                SPOTLESS,
+                DEGAUSS.aims(&[Aim::Share(85.0)]),
+                WILD_GS.aims(&[Aim::Share(85.0)]),
             ],
         },
     ],
@@ -284,7 +305,13 @@ pub(super) const PLAZA: &[Group] = &[
         mask_white: None,
         steps: 1000,
         photos: &[
-            Photos { name: "clean", kind: Kind::Clean, split: Some("clean"), appearances: FITTED, entries: &[PLAIN] },
+            Photos {
+                name: "clean",
+                kind: Kind::Clean,
+                split: Some("clean"),
+                appearances: FITTED,
+                entries: &[PLAIN, SPLAT],
+            },
             Photos { name: "many people's", kind: Kind::AsIs, split: None, appearances: FITTED, entries: EVERYTHING },
         ],
     },

@@ -71,6 +71,15 @@ impl Default for OrbitOptions {
     }
 }
 
+impl OrbitOptions {
+    /// A film: 24 training pictures by a camera that walks, as many as the films have that scene flow was published with, and 8 validation
+    /// pictures. From one to the next things go more than a pixel far, where they go a third of one in 80.
+    #[must_use]
+    pub fn walk() -> Self {
+        Self { train: 24, val: 8, camera: OrbitCamera::Walking, ..Self::default() }
+    }
+}
+
 /// Poses and times of the pictures of some options: training, validation, test.
 ///
 /// # Panics

@@ -18,6 +18,7 @@ use engine::system::SystemError;
 use glam::DVec3;
 use scene_io::Bounds;
 use serde::{Deserialize, Serialize};
+use splat_core::density::logit;
 
 /// How far before the camera a cloud begins that goes with it, internal units: a sheet, for only where it is on the picture is known.
 const AT_CAMERA: [f64; 2] = [0.2, 0.202];
@@ -145,8 +146,7 @@ impl AskedLayers {
             let places = Places::random(self.front.front_count);
             places.start(&cloud, layout, &asked.frame, data, Seeing::ManyTimes, seed)?
         };
-        let opacity = self.front.front_opacity;
-        start.cloud.logit.fill((opacity / (1.0 - opacity)).ln() as f32);
+        start.cloud.logit.fill(logit(self.front.front_opacity));
         let front = TrainedCloud::new(self.training(behind, cloud), 1, &start.cloud).map_err(refused)?;
         let shown = if times == PhotoTimes::Own && !at_camera { Front::Shown } else { Front::Hidden };
         let part = Box::new(TwoLayers::new(self.settings, behind.rates.horizon));

@@ -82,6 +82,14 @@ impl AskedOccluders {
         Ok(Self::Features(features))
     }
 
+    /// How masks of whole photos are found, where that leaves things out.
+    pub(super) fn outliers(&self) -> Option<&OutlierConfig> {
+        match self {
+            Self::Photos(_, outliers) => Some(outliers),
+            _ => None,
+        }
+    }
+
     /// What says which pixels count, for a schedule of `horizon` steps.
     pub(super) fn judges(
         &self,

@@ -3,6 +3,7 @@
 use super::depth_files::{has_depths, read_depths};
 use super::leaving_out::{AskedOccluders, Judges};
 use super::sky::{BeforeSky, SkyPlan, SkySettings};
+use super::start::PhotosBefore;
 use crate::cloud_appearance::{AppearanceChoice, CloudAppearance, Tone, ToneSettings};
 use crate::cloud_maps::{FeatureMaps, MapSettings};
 use crate::cloud_occluders::{
@@ -211,13 +212,14 @@ impl PhotoKnowledge {
 }
 
 impl AskedPhotos {
-    /// Numbers of a photo's code in a field before the cloud; `None` where all photos have the same appearance.
-    pub(super) fn codes(&self) -> Option<usize> {
-        match &self.appearance {
+    /// What a field before the cloud knows of its photos.
+    pub(super) fn before(&self) -> PhotosBefore {
+        let codes = match &self.appearance {
             AskedAppearance::None => None,
             AskedAppearance::Codes(tone) => Some(tone.appearance_dims),
             AskedAppearance::Maps(_) | AskedAppearance::Triplane(_) => Some(FIELD_CODES),
-        }
+        };
+        PhotosBefore { codes, masks: self.occluders.outliers().cloned() }
     }
 
     /// Degree of the spherical harmonics, where photos differ in appearance.

@@ -84,7 +84,7 @@ impl Recipe {
         lines.extend(asked.layers.iter().map(|layers| layers.line(times)));
         let AskedStart { at, field } = asked.start;
         let refill = asked.training.density.refill();
-        let codes = asked.photos.as_ref().and_then(AskedPhotos::codes);
+        let of_photos = asked.photos.as_ref().map(AskedPhotos::before).unwrap_or_default();
         let before = BeforeSky {
             frame: &asked.frame,
             points: &scene.points,
@@ -95,8 +95,12 @@ impl Recipe {
         let sky = asked.photos.as_ref().map(|photos| photos.sky(&before));
         lines.extend(sky.as_ref().and_then(|sky| sky.line.clone()));
         let of_field = sky.as_ref().and_then(SkyPlan::of_field);
-        let field =
-            field.map(|terms| FieldBefore { terms: ProxyTerms { sky: of_field, ..terms }, refill, seeing, codes });
+        let field = field.map(|terms| FieldBefore {
+            terms: ProxyTerms { sky: of_field, ..terms },
+            refill,
+            seeing,
+            photos: of_photos,
+        });
         let mut start = at.start(cloud, &layout, &asked.frame, data, seeing, run.seed)?;
         sky.map_or(Ok(()), |sky| sky.add_to(&mut start, &before, cloud.max_splats))?;
         let mut training = asked.training;
@@ -107,7 +111,7 @@ impl Recipe {
             loss = loss.map(|loss| loss.with_structure(photos.structure));
             (appearance, judge, surveys, of_photos) = (photos.appearance, photos.judge, photos.surveys, photos.terms);
         }
-        let begin = if field.is_some_and(|field| field.terms.seeds.is_some()) {
+        let begin = if field.as_ref().is_some_and(|field| field.terms.seeds.is_some()) {
             "start, should the field see nothing"
         } else {
             "start"

@@ -1,7 +1,10 @@
 //! Where the Gaussians of a cloud begin: at points, at random places, or where a field sees surfaces.
 
 use crate::layout::Layout;
+use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig, PhotoOutliers};
+use crate::papers::wild::combined::Wild;
 use crate::papers::wild::nerf_w::with_codes;
+use crate::papers::wild::robust_nerf::masking;
 use crate::photo_model::PhotoModel;
 use crate::plan::{Ground, field_settings};
 use crate::proxy::{FieldConfig, Proxied, ProxyTerms};
@@ -11,7 +14,7 @@ use crate::views::start::{Start, StartOptions, scene_box};
 use crate::views::{CloudConfig, CloudTraining, MOST, Views, VisualHull, first_of, refused, unless};
 use engine::data::Dataset;
 use engine::memory::room_for;
-use engine::options::RunOptions;
+use engine::options::{Background, RunOptions};
 use engine::system::{System, SystemError};
 use scene_io::{Point, Scene};
 use serde::{Deserialize, Serialize};
@@ -53,14 +56,40 @@ pub(super) enum Seeing {
 }
 
 /// A field before the cloud.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct FieldBefore {
     pub(super) terms: ProxyTerms,
     /// The share of later Gaussians that begins where it sees surfaces.
     pub(super) refill: f64,
     pub(super) seeing: Seeing,
+    pub(super) photos: PhotosBefore,
+}
+
+/// What photos differ in, for a field before the cloud.
+#[derive(Clone, Debug, Default)]
+pub(super) struct PhotosBefore {
     /// Numbers of a photo's code, where photos differ in appearance.
     pub(super) codes: Option<usize>,
+    /// How masks of whole photos are found, where things stand before the scene.
+    pub(super) masks: Option<OutlierConfig>,
+}
+
+impl PhotosBefore {
+    /// What a field of so many steps knows of its photos; nothing where they differ in nothing.
+    fn model(
+        &self,
+        steps: u64,
+        data: &Dataset,
+        background: Background,
+        seed: u64,
+    ) -> Result<Option<Box<dyn PhotoModel>>, SystemError> {
+        let codes = self.codes.map(|dims| with_codes(dims, data, seed));
+        let brightness = if codes.is_some() { Brightness::Each } else { Brightness::Same };
+        let Some(outliers) = &self.masks else { return Ok(codes.map(|codes| Box::new(codes) as _)) };
+        let judge = PhotoOutliers::new(Backdrop::new(background), brightness);
+        let appearance = codes.and_then(|codes| codes.appearance);
+        Ok(Some(Box::new(Wild { appearance, ..masking(steps, outliers, judge, data)? })))
+    }
 }
 
 /// A start that is not at points: chosen, or because the scene has none.
@@ -202,17 +231,21 @@ pub(super) fn with_field(
     run: &RunOptions,
     lines: &mut Vec<String>,
 ) -> Result<Box<dyn System>, SystemError> {
-    let Some(FieldBefore { terms, refill, seeing, codes }) = field else { return Ok(Box::new(cloud)) };
+    let Some(FieldBefore { terms, refill, seeing, photos }) = field else { return Ok(Box::new(cloud)) };
+    let is_masked = photos.masks.is_some();
     let mut ground = Ground::of(scene, data, run)?;
     let config = field_settings(&mut ground, data);
     let field = match seeing {
         Seeing::OneTime => {
-            let photos = codes.map(|dims| Box::new(with_codes(dims, data, run.seed)) as Box<dyn PhotoModel>);
+            let photos = photos.model(terms.config.field_steps, data, ground.background, run.seed)?;
             ground.ngp(data, &config, run.seed, photos)?
         }
         Seeing::ManyTimes => ground.plain(data, &config, run.seed)?,
     };
     lines.push(terms.line(refill));
+    if is_masked {
+        lines.push("field: it leaves out occluders as the cloud does, which begins with its masks".to_owned());
+    }
     Ok(Box::new(Proxied::new(terms, field, cloud)))
 }
 

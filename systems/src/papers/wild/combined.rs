@@ -7,6 +7,7 @@ use crate::occluders::OccluderModel;
 use crate::photo_model::{
     Codes, Drawing, Outcome, PhotoAndRender, PhotoModel, Pixel, PixelBar, RenderedTwice, SecondRender,
 };
+use crate::static_maps::StaticMaps;
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap};
 
@@ -104,6 +105,10 @@ impl PhotoModel for Wild {
 
     fn visibility(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {
         self.occluders.visibility(seen)
+    }
+
+    fn static_maps(&self) -> Option<&StaticMaps> {
+        self.occluders.static_maps()
     }
 
     fn uncertainty(&self, seen: &PhotoAndRender<'_>) -> Option<Vec<f32>> {

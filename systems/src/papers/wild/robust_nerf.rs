@@ -14,6 +14,7 @@
 //!
 //! The error of what is not left out is that of `kernel`; squared as published.
 
+use super::combined::Wild;
 use super::nerf_w::{CHARBONNIER, SQUARED};
 use super::planning::{Build, Planning};
 use crate::claims::Claim;
@@ -21,9 +22,9 @@ use crate::limits::{at_least_1, positive, refuse};
 use crate::occluders::OccluderModel;
 use crate::occluders::outliers::{OutlierConfig, PhotoOutliers, SMALL_PHOTO, mask_of};
 use crate::occluders::pixel_error::{KernelConfig, kernel_loss, residual};
-use crate::occluders::static_maps::StaticMaps;
 use crate::occluders::survey::{is_doubled, survey_stride};
 use crate::photo_model::{Drawing, PhotoAndRender, Pixel, PixelBar};
+use crate::static_maps::StaticMaps;
 use engine::data::{Batch, Dataset, Patches, Shape};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::heuristics::Extent;
@@ -45,6 +46,9 @@ pub(crate) const CLAIM: Claim = Claim {
 
 /// Patches of a batch at least: one photo alone says little about the others.
 const LEAST_PATCHES: usize = 16;
+
+/// The first masks of a field with an end are found after this share of its steps; the last, doublings later, at the end.
+const EARLIER: u64 = 8;
 
 /// How outlier rays are detected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -112,6 +116,20 @@ pub(super) fn occluders<'a>(planning: &mut Planning<'a>) -> Result<Build<'a, dyn
     let judge = PhotoOutliers::new(planning.backdrop, planning.brightness());
     let data = planning.data;
     Ok(Box::new(move || Ok(Box::new(RobustNerf::new(&settings, &trimming, error.kernel(), judge, data)?))))
+}
+
+/// Masks of whole photos and robust errors on the hash grid: of a field that is trained for something else in so many steps. The last masks
+/// are found right before its end.
+pub(crate) fn masking(
+    steps: u64,
+    trimming: &OutlierConfig,
+    judge: PhotoOutliers,
+    data: &Dataset,
+) -> Result<Wild, SystemError> {
+    let judge_first = (steps.saturating_sub(1) / EARLIER).max(1);
+    let settings = RobustConfig { judge_first, ..RobustConfig::HASH_GRID };
+    let masks = RobustNerf::new(&settings, trimming, CHARBONNIER.kernel(), judge, data)?;
+    Ok(Wild { name: CLAIM.name, appearance: None, occluders: Box::new(masks) })
 }
 
 /// The weights of rays, and the loss with them.
@@ -235,6 +253,10 @@ impl OccluderModel for RobustNerf {
                 Some(mask.into_iter().map(f32::from).collect())
             }
         }
+    }
+
+    fn static_maps(&self) -> Option<&StaticMaps> {
+        Some(&self.maps).filter(|maps| !maps.is_empty())
     }
 
     fn push_state<'a>(&'a self, out: &mut Vec<Tensor<'a>>) {

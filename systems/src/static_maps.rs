@@ -5,8 +5,8 @@ use engine::system::{SystemError, Tensor, TensorMap, take_u64, u64_tensor};
 use losses::heuristics::Extent;
 
 /// A map for each training view; empty until they are found.
-#[derive(Default)]
-pub(crate) struct StaticMaps(Vec<StaticMap>);
+#[derive(Clone, Default)]
+pub struct StaticMaps(Vec<StaticMap>);
 
 /// Static squares of one photo, row by row.
 #[derive(Clone, Debug, Default, PartialEq)]
