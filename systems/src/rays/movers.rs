@@ -29,9 +29,8 @@ const INIT: u64 = 0x6d6f_7665;
 /// How often it is looked for, after as many times the share that is set: what was not sharp yet errs everywhere, and what is found then
 /// may be more.
 const LOOKS: u32 = 3;
-/// How often it is looked in all, at what moves or at what came of it, each time as long after the one before: after the last look cells
-/// are given back of which nothing came. (At each look they are, too.)
-const ALL: u32 = 5;
+/// How often after the last look cells are given back of which nothing came, as long after each other. (At each look they are, too.)
+const REVIEWS: u64 = 2;
 
 /// What is waited with until it is known what moves.
 pub(super) struct Movers {
@@ -140,17 +139,6 @@ impl Movers {
         if self.masks().is_some_and(MoverMasks::has_all) { ToldBy::Masks } else { ToldBy::Residuals }
     }
 
-    /// Whether idle cells are kept: losses of scene flow ask for more than what is shown, and masks say where that may be.
-    fn keeps_idle(&self) -> bool {
-        let has_flow = self.known.as_ref().is_some_and(|known| known.film().is_some());
-        has_flow && self.told_by() == ToldBy::Masks
-    }
-
-    /// How often it is looked for what moves: masks of all photos say all they know at once.
-    fn looks(&self) -> u32 {
-        if self.told_by() == ToldBy::Masks { 1 } else { LOOKS }
-    }
-
     /// Whether it is time to look for what moves, after so many looks.
     fn is_due(&self, share: f64) -> bool {
         self.residuals.as_ref().is_some_and(|residuals| share >= self.config.from() * f64::from(residuals.looks() + 1))
@@ -246,7 +234,7 @@ impl RaySystem {
         let Some(movers) = self.movers.as_ref().filter(|movers| movers.is_due(done.share)) else { return Ok(()) };
         let Some(residuals) = &movers.residuals else { return Ok(()) };
         let by = movers.told_by();
-        let last = residuals.looks() + 1 >= movers.looks();
+        let last = by == ToldBy::Masks || residuals.looks() + 1 >= LOOKS;
         let (cells, tiles) = self.moving_places(data, &movers.tiles(residuals, data), by);
         let Some(movers) = &mut self.movers else { return Ok(()) };
         movers.residuals = movers.residuals.take().filter(|_| !last).map(Residuals::looked);
@@ -277,23 +265,24 @@ impl RaySystem {
         Ok(())
     }
 
-    /// When it is time, give back cells of the moving part of which nothing came; all of it, where that is all of them in the end. Also
-    /// where masks say what moves: what they mark in a few photos is a cone through space, most of which is empty.
+    /// When it is time, give back cells of the moving part of which nothing came; all of it, where that is all of them in the end. Masks
+    /// are taken at their word.
     pub(super) fn give_back_idle(&mut self, share: f64) {
         let (Some(movers), Some(part)) = (&self.movers, &self.field.moving) else { return };
         let is_last_look_over = movers.residuals.is_none();
-        let (looks, reviews) = (u64::from(movers.looks()), u64::from(ALL - movers.looks()));
         let due = match is_last_look_over {
-            true => part.reviews < reviews && share >= movers.config.from() * (looks + 1 + part.reviews) as f64,
+            true => {
+                part.reviews < REVIEWS && share >= movers.config.from() * (u64::from(LOOKS) + 1 + part.reviews) as f64
+            }
             false => movers.is_due(share),
         };
-        if !due || movers.keeps_idle() {
+        if !due || movers.told_by() == ToldBy::Masks {
             return;
         }
         let cells = self.cells_of_use();
         let (Some(movers), Some(part)) = (&mut self.movers, &mut self.field.moving) else { return };
         part.reviews += u64::from(is_last_look_over);
-        let last = part.reviews == reviews;
+        let last = part.reviews == REVIEWS;
         if let Some(found) = &mut movers.found {
             found.cells = cells.count() as f64 / MovingCells::ALL as f64;
             movers.told &= !last;

@@ -227,36 +227,6 @@ fn a_resumed_run_gives_back_the_same_cells() {
 }
 
 #[test]
-fn what_masks_say_in_vain_is_given_back() {
-    let (_folder, data) = masked(|_| Some(grey(|_| 255)));
-    let begun = || {
-        let mut driver = reviewing(&data);
-        driver.follow_film(&data).unwrap();
-        driver
-    };
-    let (mut whole, mut saved, mut cells) = (begun(), Vec::new(), Vec::new());
-    // What moves has a part after 40 steps; what is idle of it is given back after 80, and later three times more.
-    for step in 0..90 {
-        if [60, 85].contains(&step) {
-            saved.push((step, state(&whole)));
-        }
-        whole.step(&data, step).unwrap();
-        cells.push(whole.field.moving.as_ref().map_or(0, |part| part.cells.count()));
-    }
-    println!("{} cells, {} of them of use", cells[60], cells[85]);
-    assert!(0 < cells[85] && cells[85] < cells[60] / 2, "{cells:?}");
-    assert_eq!(whole.field.moving.as_ref().unwrap().reviews, 1);
-    for (from, tensors) in saved {
-        let mut resumed = begun();
-        resumed.load_state(&tensors).unwrap();
-        for step in from..90 {
-            resumed.step(&data, step).unwrap();
-        }
-        assert!(state(&resumed) == state(&whole), "resumed at step {from}");
-    }
-}
-
-#[test]
 fn a_part_of_which_nothing_came_is_left_out_in_the_end() {
     let data = filmed(16);
     let mut driver = reviewing(&data);
