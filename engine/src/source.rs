@@ -17,7 +17,8 @@ pub const PERTURBED: &str = "perturbed:";
 const SEED: u64 = 0;
 
 /// The scene a word or path names: `synthetic:tabletop`, `synthetic:orbit`, the same without what moves (`synthetic:orbit-empty`),
-/// filmed by a camera that walks (`synthetic:walk`), `synthetic:mouth`, `synthetic:tissue`, `synthetic:plaza`, or a dataset; `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
+/// filmed by a camera that walks (`synthetic:walk`), `synthetic:mouth`, `synthetic:tissue`, `synthetic:plaza`, or a dataset;
+/// `perturbed:` before either disturbs its training views (see [`scene_io::perturb`]).
 ///
 /// # Errors
 /// [`RunError::Scene`] for datasets that cannot be read, [`RunError::Option`] for words that mean nothing.
@@ -91,7 +92,8 @@ pub fn as_asked(mut scene: Scene, data: &DataOptions) -> Result<Scene, RunError>
     Ok(scene)
 }
 
-/// The scene behind `synthetic:orbit` and `synthetic:walk`, or `synthetic:mouth`, which is known exactly at every time; `None` for all other words.
+/// The scene behind `synthetic:orbit` and `synthetic:walk`, or `synthetic:mouth`, which is known exactly at every time; `None` for all
+/// other words.
 #[must_use]
 pub fn drawn(spec: &str) -> Option<Drawn> {
     match spec.strip_prefix(SYNTHETIC)? {

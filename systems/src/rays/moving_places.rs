@@ -8,8 +8,8 @@ use super::driver::RaySystem;
 use super::residuals::{PhotoTile, ToldBy, side_of_tile};
 use crate::fields::MovingCells;
 use engine::data::Dataset;
-use engine::halt::Halt;
-use engine::system::{Appearance, LayerRequest, Query, System};
+use engine::render::plain_query;
+use engine::system::{Query, System};
 use glam::DVec3;
 use rayon::prelude::*;
 use render_core::camera::Prepared;
@@ -96,14 +96,7 @@ impl RaySystem {
             Some((camera.ray(x, y)?, at, tile.moves))
         };
         let seen: Vec<(Ray, usize, bool)> = tiles.iter().filter_map(of_tile).collect();
-        let query = Query {
-            background: [0.0; 3],
-            layers: LayerRequest::default(),
-            error_budget: 0.01,
-            appearance: Appearance::Mean,
-            time: camera.time,
-            halt: Halt::NEVER,
-        };
+        let query = Query { time: camera.time, ..plain_query([0.0; 3], 0.01) };
         let rays: Vec<Ray> = seen.iter().map(|(ray, ..)| *ray).collect();
         let depths = self.render(&rays, &query).median_depth;
         for ((_, at, moves), depth) in seen.iter().zip(&depths) {

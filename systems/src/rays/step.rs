@@ -110,7 +110,7 @@ impl RaySystem {
             self.errors = Some(map);
         }
 
-        self.reopen_missed(data, step);
+        self.reopen_missed(step);
         self.look_for_movers(step);
         let lr = f64::from(self.config.rates.learning_rate(self.course.done(step).steps));
         let start = Instant::now();

@@ -4,7 +4,8 @@
 use crate::buffers::sized;
 use crate::space::Space;
 use engine::data::Dataset;
-use engine::system::{LayerRequest, Query, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32};
+use engine::render::plain_query;
+use engine::system::{Query, System, SystemError, Tensor, TensorMap, f32_tensor, take_f32};
 use losses::kernel::Kernel;
 use rayon::prelude::*;
 use render_core::bounds::percentile;
@@ -236,14 +237,7 @@ impl MeasuredDepth {
             let known: Vec<usize> = asked.collect();
             let place = |k: usize| seen.ray(k as u32 % width, k as u32 / width);
             let rays: Vec<Ray> = known.iter().filter_map(|&k| place(k)).collect();
-            let query = Query {
-                background,
-                layers: LayerRequest::default(),
-                error_budget: 1.0 / 255.0,
-                appearance: engine::system::Appearance::Mean,
-                time: seen.time,
-                halt: engine::halt::Halt::NEVER,
-            };
+            let query = Query { time: seen.time, ..plain_query(background, 1.0 / 255.0) };
             let depth = system.render(&rays, &query).depth;
             let internal = |(ray, t): (&Ray, f32)| {
                 if t.is_finite() { space.internal_distance(ray, t.into()) } else { 0.0 }

@@ -26,9 +26,9 @@ const QUICK_SYSTEMS: usize = 2;
 const INTRO: &str = "Whole views: held-out views in an appearance that is known (that of a photo left as it was, or the only one \
                      there is). Right halves: the appearance fitted on the left half of each held-out view, the right half scored, \
                      also where a system has no appearance to fit. Share: of the gap between `plain` on these photos and `plain` on \
-                     clean photos of the same place; of a cloud between `splat` and `splat`. Masks: training photos against the truth, means over photos; of many large \
-                     photos some. The \
-                     time is that of the training alone, with whatever else the machine does: compare it within a table.";
+                     clean photos of the same place; of a cloud the same, of `splat` instead of `plain`. Masks: training photos \
+                     against the truth, means over photos; of many large photos some. The time is that of the training alone, with \
+                     whatever else the machine does: compare it within a table.";
 
 /// Lego, perturbed.
 pub(super) fn lego100(bench: &Bench, keep: &Keep<'_>) -> Result<Section, BenchError> {

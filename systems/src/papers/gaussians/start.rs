@@ -4,7 +4,7 @@ use crate::layout::Layout;
 use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig, PhotoOutliers};
 use crate::papers::wild::combined::Wild;
 use crate::papers::wild::nerf_w::with_codes;
-use crate::papers::wild::robust_nerf::masking;
+use crate::papers::wild::robust_nerf;
 use crate::photo_model::PhotoModel;
 use crate::plan::{Ground, field_settings};
 use crate::proxy::{FieldConfig, Proxied, ProxyTerms};
@@ -75,7 +75,7 @@ pub(super) struct PhotosBefore {
 }
 
 impl PhotosBefore {
-    /// What a field of so many steps knows of its photos; nothing where they differ in nothing.
+    /// The photo model of a field that is trained for `steps` steps; `None` where photos have neither codes nor masks.
     fn model(
         &self,
         steps: u64,
@@ -87,8 +87,9 @@ impl PhotosBefore {
         let brightness = if codes.is_some() { Brightness::Each } else { Brightness::Same };
         let Some(outliers) = &self.masks else { return Ok(codes.map(|codes| Box::new(codes) as _)) };
         let judge = PhotoOutliers::new(Backdrop::new(background), brightness);
+        let occluders = robust_nerf::masking(steps, outliers, judge, data)?;
         let appearance = codes.and_then(|codes| codes.appearance);
-        Ok(Some(Box::new(Wild { appearance, ..masking(steps, outliers, judge, data)? })))
+        Ok(Some(Box::new(Wild { name: robust_nerf::CLAIM.name, appearance, occluders })))
     }
 }
 

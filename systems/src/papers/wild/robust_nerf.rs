@@ -14,7 +14,6 @@
 //!
 //! The error of what is not left out is that of `kernel`; squared as published.
 
-use super::combined::Wild;
 use super::nerf_w::{CHARBONNIER, SQUARED};
 use super::planning::{Build, Planning};
 use crate::claims::Claim;
@@ -47,8 +46,8 @@ pub(crate) const CLAIM: Claim = Claim {
 /// Patches of a batch at least: one photo alone says little about the others.
 const LEAST_PATCHES: usize = 16;
 
-/// The first masks of a field with an end are found after this share of its steps; the last, doublings later, at the end.
-const EARLIER: u64 = 8;
+/// Before a cloud: the first masks are found after one of so many parts of the field's steps, the last, three doublings later, at its end.
+const PARTS: u64 = 8;
 
 /// How outlier rays are detected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -118,18 +117,17 @@ pub(super) fn occluders<'a>(planning: &mut Planning<'a>) -> Result<Build<'a, dyn
     Ok(Box::new(move || Ok(Box::new(RobustNerf::new(&settings, &trimming, error.kernel(), judge, data)?))))
 }
 
-/// Masks of whole photos and robust errors on the hash grid: of a field that is trained for something else in so many steps. The last masks
-/// are found right before its end.
+/// The occluder model of a field on the hash grid that is trained for `steps` steps, before a cloud: masks of whole photos, and a robust
+/// loss. The last masks are found right before the end of these steps.
 pub(crate) fn masking(
     steps: u64,
     trimming: &OutlierConfig,
     judge: PhotoOutliers,
     data: &Dataset,
-) -> Result<Wild, SystemError> {
-    let judge_first = (steps.saturating_sub(1) / EARLIER).max(1);
+) -> Result<Box<dyn OccluderModel>, SystemError> {
+    let judge_first = (steps.saturating_sub(1) / PARTS).max(1);
     let settings = RobustConfig { judge_first, ..RobustConfig::HASH_GRID };
-    let masks = RobustNerf::new(&settings, trimming, CHARBONNIER.kernel(), judge, data)?;
-    Ok(Wild { name: CLAIM.name, appearance: None, occluders: Box::new(masks) })
+    Ok(Box::new(RobustNerf::new(&settings, trimming, CHARBONNIER.kernel(), judge, data)?))
 }
 
 /// The weights of rays, and the loss with them.
