@@ -168,7 +168,7 @@ impl<'a> Forge<'a> {
             let extremes = if entry["dtype"] == "F32" { &floats[..] } else { &counts[..] };
             let width = extremes[0].len();
             let entries = (end - start) / width;
-            let some = (0..entries.min(6)).chain((entries > 6).then(|| entries - 1));
+            let some = (0..entries.min(2)).chain((entries > 2).then(|| entries - 1));
             for i in some {
                 for extreme in extremes {
                     let mut forged = body.to_vec();

@@ -200,7 +200,7 @@ fn a_demo_replaces_a_demo_and_nothing_else() {
     // The same scene, but somebody's own run.
     let own = folder.path().join("own");
     let train = ["train", "synthetic:tabletop", "--out", text(&own), "--steps", "1", "--progress", "off"];
-    assert_eq!(nerf(&[&train[..], &SMALL].concat()).code, 0);
+    assert_eq!(nerf(&[&train[..], &["--longest-side", "40"], &SMALL].concat()).code, 0);
     let answer = nerf(&["demo", "--out", text(&own), "--steps", "2"]);
     assert!(answer.code == 1 && error_line(&answer).contains("already holds a run"), "{}", answer.err);
     assert_eq!(checkpoints(&own), [1]);

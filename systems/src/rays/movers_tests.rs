@@ -166,8 +166,9 @@ fn a_moving_part_begins_as_the_picture_is() {
 fn reviewing(data: &Dataset) -> RaySystem {
     let mut config = config();
     config.moving.as_mut().unwrap().settings.moving_from = 0.1;
-    // Enough pixels of each tile by the first look.
-    (config.batch.batch_rays, config.batch.batch_samples) = (2048, 1 << 15);
+    // Enough pixels of each tile by the first look: as many as two views have, in a step.
+    let rays = 2 * data.pixel_count() as usize / data.len();
+    (config.batch.batch_rays, config.batch.batch_samples) = (rays, 16 * rays);
     watching_by(config, 200, data)
 }
 

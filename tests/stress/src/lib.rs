@@ -29,16 +29,29 @@ pub enum Group {
     Once(&'static str, fn(&mut Tally)),
 }
 
-/// Cases tried, and those that failed.
+/// Cases tried, those left out, and those that failed.
 #[derive(Debug, Default)]
 pub struct Tally {
     tried: usize,
+    left_out: usize,
     failed: Vec<String>,
+    /// Of so many cases the first is tried; 0: all are.
+    one_in: usize,
 }
 
 impl Tally {
+    /// Try the first of each `one_in` cases.
+    #[must_use]
+    pub fn sparse(one_in: usize) -> Self {
+        Self { one_in, ..Self::default() }
+    }
+
     /// Try one case. `promise` says in words what holds, for whoever reads the failure.
     pub fn case(&mut self, name: impl std::fmt::Display, promise: &str, check: impl FnOnce() -> Verdict) {
+        if !(self.tried + self.left_out).is_multiple_of(self.one_in.max(1)) {
+            self.left_out += 1;
+            return;
+        }
         self.tried += 1;
         let problem = match catch_unwind(AssertUnwindSafe(check)) {
             Ok(Ok(())) => return,
@@ -77,7 +90,9 @@ pub fn run(list: &str, groups: &[Group]) {
 }
 
 /// [`run`] for cases of whole programs, which ask for no level: in a process of its own for each level of this machine, whose
-/// fastest it is there. `test` is the full name of the test that calls this, and calls nothing else.
+/// fastest it is there. `test` is the full name of the test that calls this, and calls nothing else. The fastest level of the
+/// machine has all cases, the others the first of each [`ONE_IN`]: whole programs take long, and the list of the math crates has
+/// every case at every level.
 ///
 /// # Panics
 /// When a case failed at any level, when there was none, and when a process cannot be started.
@@ -109,6 +124,7 @@ fn list_at(list: &str, test: &str, name: &str) -> bool {
     let child = Command::new(std::env::current_exe().expect("the path of this test"))
         .args(["--exact", test, "--nocapture"])
         .env(LEVEL, name)
+        .env(SPARSE, if name == format!("{:?}", Simd::best().level()) { "1".into() } else { ONE_IN.to_string() })
         // The levels share the cores: threads of one that wait for each other would take them from the others.
         .env("RAYON_NUM_THREADS", "1")
         .stdout(Stdio::piped())
@@ -124,14 +140,19 @@ fn list_at(list: &str, test: &str, name: &str) -> bool {
 
 /// Names the level to a process of [`run_at_each_level`].
 const LEVEL: &str = "WILDFIELD_STRESS_LEVEL";
+/// Tells it of how many cases one is tried; all where it is not set.
+const SPARSE: &str = "WILDFIELD_STRESS_ONE_IN";
+/// Of so many cases of a whole program one is tried at levels that are not the fastest.
+pub const ONE_IN: usize = 4;
 
 fn report(list: &str, groups: &[Group], out: &mut dyn Write) {
     // A closed stdout is not a reason to fail a test.
     let mut say = |line: &str| drop(writeln!(out, "{line}"));
-    let (mut tried, mut failed) = (0, 0);
+    let one_in = std::env::var(SPARSE).ok().and_then(|n| n.parse().ok()).unwrap_or(1);
+    let (mut tried, mut left_out, mut failed) = (0, 0, 0);
     for group in groups {
         let start = Instant::now();
-        let mut tally = Tally::default();
+        let mut tally = Tally::sparse(one_in);
         let (name, levels) = match *group {
             Group::EachLevel(name, cases) => {
                 let mut levels = Vec::new();
@@ -158,10 +179,11 @@ fn report(list: &str, groups: &[Group], out: &mut dyn Write) {
         if bad > SHOWN {
             say(&format!("    and {} more", bad - SHOWN));
         }
-        (tried, failed) = (tried + n, failed + bad);
+        (tried, left_out, failed) = (tried + n, left_out + tally.left_out, failed + bad);
     }
     let floats = if cfg!(feature = "libm") { "libm" } else { "std" };
-    say(&format!("stress: {tried} cases tried, {failed} failed ({list}, {floats})"));
+    let left_out = if left_out > 0 { format!(", {left_out} left to the fastest level") } else { String::new() };
+    say(&format!("stress: {tried} cases tried, {failed} failed ({list}, {floats}){left_out}"));
     assert!(tried > 0 && failed == 0, "{failed} of {tried} cases failed");
 }
 
@@ -239,6 +261,15 @@ mod tests {
         assert_eq!((tally.tried(), tally.failed().len()), (4, 3));
         assert_eq!(tally.failed()[0], "bad: promised: holds; does not");
         assert_eq!(tally.failed()[1], "worse: promised: does not panic; panicked: at number 3");
+    }
+
+    #[test]
+    fn a_sparse_list_tries_its_first_case_and_says_how_many_it_left_out() {
+        let mut tally = Tally::sparse(3);
+        for k in 0..7 {
+            tally.case(k, "every third holds", || if k % 3 == 0 { Ok(()) } else { Err("was to be left out".into()) });
+        }
+        assert_eq!((tally.tried(), tally.left_out, tally.failed().len()), (3, 4, 0));
     }
 
     #[test]

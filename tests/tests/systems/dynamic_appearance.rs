@@ -35,7 +35,7 @@ fn small(set: &[&'static str]) -> Vec<&'static str> {
 
 /// A field that learns a small stage in a few hundred steps.
 const FIELD: [&str; 6] =
-    ["levels=8", "log2_table=14", "n_max=128", "occupancy=32", "batch_rays=1024", "batch_samples=16384"];
+    ["levels=8", "log2_table=14", "n_max=128", "occupancy=32", "batch_rays=512", "batch_samples=8192"];
 
 /// A filmed stage whose photos differ in exposure; every seventh is held out, in an exposure of its own.
 fn exposed() -> Scene {
@@ -94,7 +94,7 @@ fn codes_explain_exposures_that_one_appearance_cannot() {
             let set: Vec<&str> = FIELD.iter().copied().chain([appearance]).collect();
             let (mut system, _) = system(name, &scene, &train, &set);
             assert_eq!(system.appearance_code(&Appearance::Mean).is_some(), appearance == "appearance=codes");
-            for step in 0..300 {
+            for step in 0..200 {
                 system.step(&train, step).unwrap();
             }
             right_halves(system.as_ref(), &test)
@@ -194,7 +194,7 @@ fn an_appearance_is_fitted_at_the_time_of_its_photo() {
             rgb: &rgb,
             time,
             background: [1.0; 3],
-            steps: 600,
+            steps: 400,
             lr: 0.05,
             seed: 1,
             halt: &Halt::NEVER,

@@ -39,8 +39,10 @@ const D_NERF_PUBLISHED: Entry = D_NERF
     .named("d-nerf, published networks")
     .set("field = 'mlp'")
     .quick("width = 16\nwarp_width = 16\ncoarse = 8\nfine = 8");
-const NERFIES: Entry = Entry::new("nerfies");
-const HYPERNERF: Entry = Entry::new("hypernerf");
+/// Finding out whether photos need codes takes longer than a quick row.
+const ONE_LIGHT: &str = "appearance = 'none'";
+const NERFIES: Entry = Entry::new("nerfies").quick(ONE_LIGHT);
+const HYPERNERF: Entry = Entry::new("hypernerf").quick(ONE_LIGHT);
 const TINEUVOX: Entry = Entry::new("tineuvox");
 const K_PLANES: Entry = Entry::new("k-planes");
 const TWO_PARTS: Entry = Entry::new("two-parts");

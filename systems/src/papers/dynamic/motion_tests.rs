@@ -26,7 +26,7 @@ const WAY: DVec3 = DVec3::new(0.4, 0.3, 0.0);
 /// Steps of a training, and what makes them short. A hash grid shows another ball for another time at first: it takes longer.
 const STEPS: u64 = 300;
 const STEPS_OF_GRIDS: u64 = 500;
-const SMALL: [&str; 4] = ["batch_rays=1024", "batch_samples=8192", "occupancy=32", "samples_per_ray=64"];
+const SMALL: [&str; 4] = ["batch_rays=512", "batch_samples=4096", "occupancy=32", "samples_per_ray=64"];
 const SMALL_GRID: [&str; 3] = ["levels=6", "log2_table=14", "n_max=128"];
 /// Share of its way by which a point may be off, on average, where nothing else is said. A warp that is zero is off by 1.
 const FOUND: f64 = 0.5;
@@ -213,7 +213,8 @@ fn gaussians_that_move_find_the_motion() {
 #[test]
 fn what_cannot_warp_does_not_find_it() {
     let set = [&SMALL_GRID[..], &["warp=none"]].concat();
-    let (before, after, _) = trained(d_nerf::CLAIM, d_nerf::build, &set, STEPS);
+    // It stays what it is, however long the training: a few steps say so.
+    let (before, after, _) = trained(d_nerf::CLAIM, d_nerf::build, &set, 20);
     assert!([before, after].iter().all(|off| (off - 1.0).abs() < 1e-6), "{before} {after}");
 }
 

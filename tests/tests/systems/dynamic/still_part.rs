@@ -17,7 +17,7 @@ fn each_system_can_have_a_still_part_with_the_same_bits_for_1_2_and_4_threads_an
         println!("{name}");
         let scene = scene_of(name);
         let own = schedules(name).iter().filter(|set| !set.starts_with("horizon"));
-        let long = ["horizon=60", "batch_rays=1024", "batch_samples=16384"];
+        let long = ["horizon=60", "batch_rays=512", "batch_samples=8192"];
         let set: Vec<&str> = own.chain(&STATIC).chain(&long).copied().collect();
         assert_same_bits(|steps, state| {
             let (train, _) = views(&scene, 1);
