@@ -104,7 +104,7 @@ fn moving_systems_take_no_more_memory_than_they_say() {
     write_orbit(&options, &scene).unwrap();
     let systems = ["t-nerf", "d-nerf", "nerfies", "k-planes", "two-parts", "ngp"];
     each_holds("nerf-dynamic", text(&scene), &systems, &TEN);
-    // Nor does it while it finds out whether photos need codes, as `nerfies` has done above.
+    // The search for codes takes most of a short run, and its memory is measured with `nerfies` above.
     let one_light = [&TEN[..], &["--set", "appearance=none"]].concat();
     each_holds("nerf-dynamic", text(&scene), &["hypernerf"], &one_light);
     // Published networks: a few rays a step on small pictures.

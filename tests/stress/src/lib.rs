@@ -35,12 +35,12 @@ pub struct Tally {
     tried: usize,
     left_out: usize,
     failed: Vec<String>,
-    /// Of so many cases the first is tried; 0: all are.
+    /// 4: cases 1, 5, 9, … are tried, the others left out. 0 and 1: every case is tried.
     one_in: usize,
 }
 
 impl Tally {
-    /// Try the first of each `one_in` cases.
+    /// A tally that tries one case and leaves out the next `one_in - 1`, again and again.
     #[must_use]
     pub fn sparse(one_in: usize) -> Self {
         Self { one_in, ..Self::default() }
@@ -91,8 +91,8 @@ pub fn run(list: &str, groups: &[Group]) {
 
 /// [`run`] for cases of whole programs, which ask for no level: in a process of its own for each level of this machine, whose
 /// fastest it is there. `test` is the full name of the test that calls this, and calls nothing else. The fastest level of the
-/// machine has all cases, the others the first of each [`ONE_IN`]: whole programs take long, and the list of the math crates has
-/// every case at every level.
+/// machine tries every case, the others one in [`ONE_IN`]: whole programs take long, and the list of the math crates tries every case
+/// at every level.
 ///
 /// # Panics
 /// When a case failed at any level, when there was none, and when a process cannot be started.
@@ -121,10 +121,13 @@ pub fn run_at_each_level(list: &str, test: &str, groups: &[Group]) {
 
 /// Whether `list` holds in a process at the level `name`. Its lines are shown together when it has ended.
 fn list_at(list: &str, test: &str, name: &str) -> bool {
-    let child = Command::new(std::env::current_exe().expect("the path of this test"))
+    let mut command = Command::new(std::env::current_exe().expect("the path of this test"));
+    if name != format!("{:?}", Simd::best().level()) {
+        command.env(SPARSE, ONE_IN.to_string());
+    }
+    let child = command
         .args(["--exact", test, "--nocapture"])
         .env(LEVEL, name)
-        .env(SPARSE, if name == format!("{:?}", Simd::best().level()) { "1".into() } else { ONE_IN.to_string() })
         // The levels share the cores: threads of one that wait for each other would take them from the others.
         .env("RAYON_NUM_THREADS", "1")
         .stdout(Stdio::piped())
@@ -140,15 +143,15 @@ fn list_at(list: &str, test: &str, name: &str) -> bool {
 
 /// Names the level to a process of [`run_at_each_level`].
 const LEVEL: &str = "WILDFIELD_STRESS_LEVEL";
-/// Tells it of how many cases one is tried; all where it is not set.
+/// Tells it to try one case in so many; where it is not set, every case.
 const SPARSE: &str = "WILDFIELD_STRESS_ONE_IN";
-/// Of so many cases of a whole program one is tried at levels that are not the fastest.
+/// A slower level than the fastest tries one case in four of a list of whole programs.
 pub const ONE_IN: usize = 4;
 
 fn report(list: &str, groups: &[Group], out: &mut dyn Write) {
     // A closed stdout is not a reason to fail a test.
     let mut say = |line: &str| drop(writeln!(out, "{line}"));
-    let one_in = std::env::var(SPARSE).ok().and_then(|n| n.parse().ok()).unwrap_or(1);
+    let one_in = std::env::var(SPARSE).map_or(1, |n| n.parse().expect("WILDFIELD_STRESS_ONE_IN is a number of cases"));
     let (mut tried, mut left_out, mut failed) = (0, 0, 0);
     for group in groups {
         let start = Instant::now();

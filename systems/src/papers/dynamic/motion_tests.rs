@@ -213,7 +213,7 @@ fn gaussians_that_move_find_the_motion() {
 #[test]
 fn what_cannot_warp_does_not_find_it() {
     let set = [&SMALL_GRID[..], &["warp=none"]].concat();
-    // It stays what it is, however long the training: a few steps say so.
+    // There is no warp to train, so a few steps are enough.
     let (before, after, _) = trained(d_nerf::CLAIM, d_nerf::build, &set, 20);
     assert!([before, after].iter().all(|off| (off - 1.0).abs() < 1e-6), "{before} {after}");
 }
