@@ -2,31 +2,35 @@
 //!
 //! Points that several photos show belong to the place, and the line from a camera to such a point is free. A cell that several of
 //! these lines cross, none of them near its end, and that no point lies in or beside, is empty; and so is what lies in a picture
-//! before all of its points: each camera has a near plane of its own. Without this, few photos are explained by a fog before each
-//! camera.
+//! before all of its points: each camera has a near plane of its own. What one photo alone shows is explained as well by anything on
+//! its rays, at any depth: it is not where other photos were taken. Without this, few photos are explained by a fog before each camera.
 
 use crate::layout::nearest_depth;
 use crate::space::Space;
 use engine::data::Dataset;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
-use render_core::camera::Prepared;
+use render_core::camera::{Camera, Prepared};
 use render_core::occupancy::OccupancyGrid;
 
 /// Lines that make a cell free.
 const LINES: u16 = 3;
 /// Part of a line that counts: points are not that certain, and what they lie on has a thickness.
 const CERTAIN: f32 = 0.9;
+/// A place that one photo alone shows is where others were taken when one was taken nearer to it than this part of its distance from that
+/// photo.
+const BESIDE: f64 = 0.5;
 /// Places checked along a cell's side.
 const PER_CELL: f32 = 2.0;
 
-/// Whether what lies in a picture before all of its points is free as well.
+/// What is free besides what points are seen through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum NearPlanes {
-    /// Yes.
-    Count,
-    /// Only where points are seen through.
-    Ignored,
+pub(crate) enum AlsoFree {
+    /// For a field: what lies in a picture before all of its points.
+    BeforePoints,
+    /// For a cloud: what one photo alone shows where others were taken. What has few features may well be nearer than a photo's points,
+    /// and there Gaussians would not come again.
+    WhereOthersStood,
 }
 
 /// What a plan says where points say what is free; `None` without points.
@@ -36,18 +40,18 @@ pub(crate) fn free_space_line(data: &Dataset) -> Option<String> {
 }
 
 /// Which cells of the grid are free; all false without points.
-pub(crate) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset, planes: NearPlanes) -> Vec<bool> {
+pub(crate) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset, also: AlsoFree) -> Vec<bool> {
     let mut lines = vec![0_u16; grid.cells()];
     let mut kept = vec![false; grid.cells()];
     let mut any = false;
     let mut nears = Vec::new();
+    let mut photos = Vec::new();
     for view in data.views().iter().filter(|view| view.level == 0) {
+        photos.extend((also == AlsoFree::WhereOthersStood).then(|| Photo::of(&view.camera)));
         let Some(o) = space.internal_point(view.camera.pose.c) else { continue };
-        let depth = (planes == NearPlanes::Count).then(|| nearest_depth(&view.camera, &view.points)).flatten();
+        let depth = (also == AlsoFree::BeforePoints).then(|| nearest_depth(&view.camera, &view.points)).flatten();
         nears.extend(depth.map(|depth| Near {
-            camera: view.camera.prepare(),
-            size: [view.camera.width, view.camera.height].map(f64::from),
-            centre: view.camera.pose.c,
+            photo: Photo::of(&view.camera),
             axis: view.camera.optical_axis(),
             depth: f64::from(CERTAIN) * depth,
         }));
@@ -61,15 +65,15 @@ pub(crate) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset, pl
     if !any {
         return kept;
     }
-    let before_all = |id: u32| {
+    let unseen = |id: u32| {
         let (corner, side) = grid.cell_box(id);
         let centre = space.world_point(corner.map(|c| c + 0.5 * side));
         let reach = (space.world_point(corner) - centre).length();
-        nears.iter().any(|near| near.holds(centre, reach))
+        nears.iter().any(|near| near.holds(centre, reach)) || is_where_others_stood(&photos, centre)
     };
     let mut free: Vec<bool> = (0..grid.cells() as u32)
         .into_par_iter()
-        .map(|id| !kept[id as usize] && (lines[id as usize] >= LINES || before_all(id)))
+        .map(|id| !kept[id as usize] && (lines[id as usize] >= LINES || unseen(id)))
         .collect();
     // A cell that is only met by long steps is free where the eight it consists of are.
     let resolution = grid.settings().resolution;
@@ -87,11 +91,41 @@ pub(crate) fn free_cells(grid: &OccupancyGrid, space: &Space, data: &Dataset, pl
     free
 }
 
-/// A camera and the depth before which it shows nothing.
-struct Near {
+/// What a photo has in its picture.
+struct Photo {
     camera: Prepared,
     size: [f64; 2],
     centre: DVec3,
+}
+
+impl Photo {
+    fn of(camera: &Camera) -> Self {
+        let size = [camera.width, camera.height].map(f64::from);
+        Self { camera: camera.prepare(), size, centre: camera.pose.c }
+    }
+
+    fn shows(&self, x: DVec3) -> bool {
+        let in_picture = |p: DVec2| p.x >= 0.0 && p.y >= 0.0 && p.x <= self.size[0] && p.y <= self.size[1];
+        self.camera.project(x).is_some_and(in_picture)
+    }
+}
+
+/// Whether one photo alone shows `x`, and others were taken near it.
+fn is_where_others_stood(photos: &[Photo], x: DVec3) -> bool {
+    let distances = || photos.iter().map(|photo| photo.centre.distance(x));
+    let (nearest, furthest) = (distances().fold(f64::INFINITY, f64::min), distances().fold(0.0, f64::max));
+    // Most places are far from all cameras: they need not be projected.
+    if nearest >= BESIDE * furthest {
+        return false;
+    }
+    let mut shown = photos.iter().filter(|photo| photo.shows(x));
+    let (Some(only), None) = (shown.next(), shown.next()) else { return false };
+    nearest < BESIDE * only.centre.distance(x)
+}
+
+/// A photo and the depth before which it shows nothing.
+struct Near {
+    photo: Photo,
     axis: DVec3,
     depth: f64,
 }
@@ -100,13 +134,12 @@ impl Near {
     /// Whether a ball of radius `reach` about `x` lies before all that the camera shows, its centre in the picture or all of it
     /// at the camera.
     fn holds(&self, x: DVec3, reach: f64) -> bool {
-        let way = x - self.centre;
+        let way = x - self.photo.centre;
         let z = way.dot(self.axis);
         if z + reach >= self.depth || z < -reach {
             return false;
         }
-        let in_picture = |p: glam::DVec2| p.x >= 0.0 && p.y >= 0.0 && p.x <= self.size[0] && p.y <= self.size[1];
-        way.length() <= reach || (z > 0.0 && self.camera.project(x).is_some_and(in_picture))
+        way.length() <= reach || (z > 0.0 && self.photo.shows(x))
     }
 }
 
@@ -196,12 +229,10 @@ mod tests {
 
     #[test]
     fn each_camera_has_a_near_plane_of_its_own() {
-        use render_core::camera::Camera;
         use render_core::pose::Pose;
         let pose = Pose { r: glam::DMat3::IDENTITY, c: DVec3::new(0.0, 0.0, -1.0) };
         let camera = Camera::pinhole(40, 40, 40.0, 40.0, 20.0, 20.0, pose);
-        let near =
-            Near { camera: camera.prepare(), size: [40.0; 2], centre: pose.c, axis: camera.optical_axis(), depth: 1.0 };
+        let near = Near { photo: Photo::of(&camera), axis: camera.optical_axis(), depth: 1.0 };
         for (x, reach, holds) in [
             (DVec3::new(0.0, 0.0, -0.5), 0.1, true),
             (DVec3::new(0.0, 0.0, -0.5), 0.6, false),
@@ -213,6 +244,30 @@ mod tests {
         ] {
             assert_eq!(near.holds(x, reach), holds, "{x} {reach}");
         }
+    }
+
+    #[test]
+    fn what_one_photo_shows_is_not_where_others_were_taken() {
+        use render_core::pose::Pose;
+        let at = |z: f64, turned: bool| {
+            let r = if turned { glam::DMat3::from_rotation_y(std::f64::consts::PI) } else { glam::DMat3::IDENTITY };
+            let pose = Pose { r, c: DVec3::new(0.0, 0.0, z) };
+            Photo::of(&Camera::pinhole(40, 40, 40.0, 40.0, 20.0, 20.0, pose))
+        };
+        // The first looks over the shoulder of the second, which looks away from it.
+        let [far, near] = [at(-4.0, false), at(1.0, false)];
+        let photos = [far, near];
+        for (z, stood) in [(0.5, true), (-0.6, true), (-0.7, false), (-3.0, false), (1.5, false), (-5.0, false)] {
+            assert_eq!(is_where_others_stood(&photos, DVec3::new(0.0, 0.0, z)), stood, "{z}");
+        }
+        let two_look = [at(-4.0, false), at(-4.5, false), at(1.0, false)];
+        assert!(!is_where_others_stood(&two_look, DVec3::new(0.0, 0.0, 0.5)), "two photos show it");
+        let none_looks = [at(-4.0, true), at(1.0, false)];
+        assert!(!is_where_others_stood(&none_looks, DVec3::new(0.0, 0.0, 0.5)), "nothing is known of it");
+        for few in [&photos[..0], &photos[..1]] {
+            assert!(!is_where_others_stood(few, DVec3::new(0.0, 0.0, 0.5)));
+        }
+        assert!(!is_where_others_stood(&photos, DVec3::NAN));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Masks, found by comparing all photos with their renders from time to time: those of fields ([`crate::occluders::outliers`]).
 
 use crate::limits::at_least_1;
-use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig, PhotoOutliers};
+use crate::occluders::outliers::{Backdrop, Brightness, Expecting, OutlierConfig, PhotoOutliers};
 use crate::occluders::survey::{is_doubled, survey_stride};
 use crate::photo_model::PhotoAndRender;
 use crate::static_maps::{StaticMap, StaticMaps};
@@ -61,7 +61,7 @@ impl PhotoMasks {
         Self {
             settings,
             outliers,
-            judge: PhotoOutliers::new(backdrop, brightness),
+            judge: PhotoOutliers::new(backdrop, brightness, Expecting::Unmasked),
             stride: survey_stride(data),
             cameras: data.views().iter().map(|view| view.camera).collect(),
             seen: StaticMaps::default(),
@@ -106,7 +106,7 @@ impl SurveyJudge for PhotoMasks {
     }
 
     fn see(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) {
-        self.judge.add(data, seen);
+        self.judge.add(data, seen, &self.seen);
     }
 
     fn settle(&mut self) {

@@ -11,7 +11,7 @@ use super::expected_error::ExpectedError;
 use super::scene_guard::{Marked, PhotoGeometry, STRICT, even_out, marks_of_the_scene};
 use crate::limits::{positive, refuse, within};
 use crate::photo_model::PhotoAndRender;
-use crate::static_maps::StaticMap;
+use crate::static_maps::{StaticMap, StaticMaps};
 use engine::data::Dataset;
 use engine::options::Background;
 use engine::system::SystemError;
@@ -83,8 +83,6 @@ impl OutlierConfig {
 
 /// Squares along a side of the neighbourhood whose mean residual counts.
 pub(crate) const NEIGHBOURHOOD: usize = 3;
-/// Hysteresis: squares connected to a detected occluder join it above this share of the threshold.
-const WEAK: f32 = 0.4;
 /// Gaps in an occluder of up to this many squares are part of it.
 const GAP: usize = 5;
 
@@ -112,6 +110,28 @@ pub(crate) struct PhotoOutliers {
     photos: Vec<SurveyedPhoto>,
     backdrop: Backdrop,
     brightness: Brightness,
+    expecting: Expecting,
+}
+
+/// Which squares of the photos say what error is expected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Expecting {
+    /// All.
+    #[default]
+    All,
+    /// Those that the masks of the last survey left: where occluders hide a place in most photos, the expected error is not theirs.
+    Unmasked,
+}
+
+impl Expecting {
+    /// Hysteresis: squares connected to a detected occluder join it above this share of the threshold. What is expected is less without
+    /// occluders, so more of it is needed (docs/decisions/0062).
+    fn weak(self) -> f32 {
+        match self {
+            Self::All => 0.4,
+            Self::Unmasked => 0.6,
+        }
+    }
 }
 
 /// Whether photos differ in brightness and tint.
@@ -174,17 +194,21 @@ pub(crate) fn mean_residuals(seen: &PhotoAndRender<'_>, side: usize) -> Vec<f32>
 }
 
 impl PhotoOutliers {
-    pub(crate) fn new(backdrop: Backdrop, brightness: Brightness) -> Self {
-        Self { backdrop, brightness, ..Self::default() }
+    pub(crate) fn new(backdrop: Backdrop, brightness: Brightness, expecting: Expecting) -> Self {
+        Self { backdrop, brightness, expecting, ..Self::default() }
     }
 
-    /// Add a photo; they come in the order of the views.
-    pub(crate) fn add(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) {
+    /// Add a photo; they come in the order of the views. `known` are the masks of the last survey.
+    pub(crate) fn add(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>, known: &StaticMaps) {
         let residuals = mean_residuals(seen, NEIGHBOURHOOD);
         let alpha: Vec<f32> =
             seen.alpha.iter().zip(seen.truth).map(|(a, rgb)| if self.backdrop.is(*rgb) { 0.0 } else { *a }).collect();
-        self.expected.add(&PhotoAndRender { alpha: &alpha, ..*seen }, &residuals);
         let [width, height] = seen.size;
+        let known = known.of(seen.view).filter(|_| self.expecting == Expecting::Unmasked);
+        let counts = known.map(|map| map.in_squares(seen.stride, Extent { width, height }));
+        let counted = counts.map(|counts| alpha.iter().zip(counts).map(|(a, bit)| a * f32::from(bit)).collect());
+        let counted: &Vec<f32> = counted.as_ref().unwrap_or(&alpha);
+        self.expected.add(&PhotoAndRender { alpha: counted, ..*seen }, &residuals);
         let (extent, stride, place) = (Extent { width, height }, seen.stride, seen.place.to_vec());
         let (geometry, colours) = (PhotoGeometry::of(data, seen.view), seen.truth.to_vec());
         let evidence = alpha.iter().map(|a| *a > 0.5).collect();
@@ -195,13 +219,13 @@ impl PhotoOutliers {
     /// the photos.
     pub(crate) fn static_parts(&mut self, rule: &TrimmedMask, threshold: f32) -> Vec<StaticParts> {
         self.expected.settle(rule.quantile);
-        let expected = &self.expected;
+        let (expected, weak) = (&self.expected, self.expecting.weak() * threshold);
         let photos: Vec<(Marked, Vec<f32>, Vec<u8>)> = std::mem::take(&mut self.photos)
             .into_par_iter()
             .map(|SurveyedPhoto { extent, stride, mut residuals, place, geometry, colours, evidence }| {
                 residuals.iter_mut().zip(&place).for_each(|(e, &at)| *e /= expected.at(at));
                 let seed = mask_of(rule, threshold, extent, &residuals);
-                let marks = grown(extent, &residuals, threshold, &seed).iter().map(|bit| *bit == 0).collect();
+                let marks = grown(extent, &residuals, weak, &seed).iter().map(|bit| *bit == 0).collect();
                 (Marked { geometry, extent, stride, marks, colours, evidence }, residuals, seed)
             })
             .collect();
@@ -222,7 +246,7 @@ impl PhotoOutliers {
                 for (i, _) in scene.iter().enumerate().filter(|(_, scene)| **scene) {
                     (residuals[i], seed[i]) = (0.0, 1);
                 }
-                let bits = grown(extent, &residuals, threshold, &seed);
+                let bits = grown(extent, &residuals, weak, &seed);
                 let map = |bits: Vec<u8>| StaticMap { width: extent.width, stride, bits };
                 StaticParts { whole: map(bits), seed: map(seed) }
             })
@@ -230,11 +254,11 @@ impl PhotoOutliers {
     }
 }
 
-/// What is static: all but what is certainly an occluder, what is connected to it, and gaps in both.
-fn grown(extent: Extent, residuals: &[f32], threshold: f32, seed: &[u8]) -> Vec<u8> {
+/// What is static: all but what is certainly an occluder, what is connected to it by residuals above `weak`, and gaps in both.
+fn grown(extent: Extent, residuals: &[f32], weak: f32, seed: &[u8]) -> Vec<u8> {
     let fits = "one residual and one mask for each square, and an odd window";
     let (mut mask, mut bits) = (seed.to_vec(), vec![0; seed.len()]);
-    grow(extent, residuals, WEAK * threshold, &mut mask).expect(fits);
+    grow(extent, residuals, weak, &mut mask).expect(fits);
     close(extent, GAP, &mask, &mut Vec::new(), &mut bits).expect(fits);
     bits
 }
@@ -260,6 +284,8 @@ pub(crate) fn mask_of(rule: &TrimmedMask, threshold: f32, extent: Extent, residu
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::photo_model::Pixel;
+    use crate::plan::made;
 
     #[test]
     fn settings_that_would_end_a_training_are_refused_before_it() {
@@ -282,6 +308,42 @@ mod tests {
         ] {
             let error = settings.check().unwrap_err().to_string();
             assert!(error.contains(want), "{want}: {error}");
+        }
+    }
+
+    #[test]
+    fn what_is_expected_of_a_place_is_not_the_error_of_occluders_that_are_masked() {
+        let side = made::SIDE as usize;
+        let (_, data) = made::scene(made::frames(4, |_, _, _| [0, 0, 0, 255]), Vec::new());
+        // Three quarters of each photo hide one place, which is rendered well where it is seen.
+        let is_hidden = |i: usize| i / side < 3 * side / 4;
+        let error = |i: usize| Pixel { rgb: [if is_hidden(i) { 0.8 } else { 0.1 }; 3], ..Pixel::default() };
+        let pixels: Vec<Pixel> = (0..side * side).map(error).collect();
+        let map =
+            StaticMap { width: side, stride: 1, bits: (0..side * side).map(|i| u8::from(!is_hidden(i))).collect() };
+        let (truth, alpha, place) = (vec![[0.0; 3]; side * side], vec![1.0; side * side], vec![[0.3; 3]; side * side]);
+        let expected = |expecting: Expecting, known: &StaticMaps| {
+            let mut judge = PhotoOutliers::new(Backdrop::default(), Brightness::Same, expecting);
+            for view in 0..4 {
+                let (size, stride) = ([side; 2], 1);
+                let seen =
+                    PhotoAndRender { view, size, stride, pixels: &pixels, truth: &truth, alpha: &alpha, place: &place };
+                judge.add(&data, &seen, known);
+            }
+            judge.expected.settle(0.5);
+            judge.expected.at([0.3; 3])
+        };
+        let (none, mut known) = (StaticMaps::default(), StaticMaps::default());
+        known.set_all(vec![map; 4]);
+        let [hidden, seen] = [error(0), error(side * side - 1)].map(|p| p.rgb[0] * 3.0_f32.sqrt());
+        for (expecting, known, want) in [
+            (Expecting::All, &none, hidden),
+            (Expecting::All, &known, hidden),
+            (Expecting::Unmasked, &none, hidden),
+            (Expecting::Unmasked, &known, seen),
+        ] {
+            let got = expected(expecting, known);
+            assert!((got - want).abs() < 0.05, "{expecting:?}: {got}, not {want}");
         }
     }
 }

@@ -8,7 +8,7 @@ pub(crate) use super::silhouette::Moves;
 use super::silhouette::{Seen, Silhouette};
 use super::time_bins::{TimeBins, edges_of};
 use crate::fields::Field;
-use crate::free_space::{NearPlanes, free_cells};
+use crate::free_space::{AlsoFree, free_cells};
 use crate::space::{InternalRay, Space, SpaceConfig, SpaceKind};
 use engine::data::Dataset;
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_f32, take_numbers};
@@ -325,8 +325,8 @@ impl Occupancy {
             (0..data.len()).into_par_iter().map(|i| Silhouette::new(data, i, scene)).collect::<Result<_, _>>()?;
         let grid = &self.grid;
         let doubted = if data.is_cut_out() { data.len() / DOUBTED } else { 0 };
-        let free =
-            (self.config.free_space && scene == Moves::No).then(|| free_cells(grid, space, data, NearPlanes::Count));
+        let free = (self.config.free_space && scene == Moves::No)
+            .then(|| free_cells(grid, space, data, AlsoFree::BeforePoints));
         let visible: Vec<bool> = (0..grid.cells() as u32)
             .into_par_iter()
             .map(|id| {

@@ -33,7 +33,8 @@ pub(crate) struct DensityConfig {
     /// Gradients on the picture are summed over pixels without their signs, so that those of a large Gaussian over fine detail do not
     /// cancel (Ye et al., "AbsGS", 2024): with about twice the [`densify_gradient`](SplitConfig::densify_gradient).
     pub(crate) densify_absolute: bool,
-    /// Gaussians where points are seen through are removed, every [`densify_every`](Self::densify_every) steps to the end.
+    /// Gaussians where points are seen through, or where one photo alone sees them and others were taken, are removed, every
+    /// [`densify_every`](Self::densify_every) steps to the end.
     pub(crate) free_space: bool,
 }
 

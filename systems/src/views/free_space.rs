@@ -2,7 +2,7 @@
 //! floats before its camera.
 
 use super::cloud_frame::CloudFrame;
-use crate::free_space::{NearPlanes, free_cells};
+use crate::free_space::{AlsoFree, free_cells};
 use crate::space::Space;
 use engine::data::Dataset;
 use engine::system::SystemError;
@@ -39,8 +39,7 @@ impl FreeSpace {
         };
         let mut grid = OccupancyGrid::new(SETTINGS).map_err(refused)?;
         let space = Space::contracted(frame.centre.into(), frame.scale, f64::from(grid.half_extent()), 0.0);
-        // A photo's near plane says too much here: what has few features may well be nearer than its points.
-        let free = free_cells(&grid, &space, data, NearPlanes::Ignored);
+        let free = free_cells(&grid, &space, data, AlsoFree::WhereOthersStood);
         let mut cells = free.iter();
         // Asked for every cell in order: none is marked yet.
         grid.mark_invisible(|_, _| !cells.next().copied().unwrap_or(false));

@@ -1,7 +1,7 @@
 //! Where the Gaussians of a cloud begin: at points, at random places, or where a field sees surfaces.
 
 use crate::layout::Layout;
-use crate::occluders::outliers::{Backdrop, Brightness, OutlierConfig, PhotoOutliers};
+use crate::occluders::outliers::{Backdrop, Brightness, Expecting, OutlierConfig, PhotoOutliers};
 use crate::papers::wild::combined::Wild;
 use crate::papers::wild::nerf_w::with_codes;
 use crate::papers::wild::robust_nerf;
@@ -86,7 +86,7 @@ impl PhotosBefore {
         let codes = self.codes.map(|dims| with_codes(dims, data, seed));
         let brightness = if codes.is_some() { Brightness::Each } else { Brightness::Same };
         let Some(outliers) = &self.masks else { return Ok(codes.map(|codes| Box::new(codes) as _)) };
-        let judge = PhotoOutliers::new(Backdrop::new(background), brightness);
+        let judge = PhotoOutliers::new(Backdrop::new(background), brightness, Expecting::All);
         let occluders = robust_nerf::masking(steps, outliers, judge, data)?;
         let appearance = codes.and_then(|codes| codes.appearance);
         Ok(Some(Box::new(Wild { name: robust_nerf::CLAIM.name, appearance, occluders })))

@@ -19,9 +19,9 @@ use super::planning::{Build, Planning};
 use crate::claims::Claim;
 use crate::limits::{at_least_1, positive, refuse};
 use crate::occluders::OccluderModel;
-use crate::occluders::outliers::{OutlierConfig, PhotoOutliers, SMALL_PHOTO, mask_of};
+use crate::occluders::outliers::{Expecting, OutlierConfig, PhotoOutliers, SMALL_PHOTO, mask_of};
 use crate::occluders::pixel_error::{KernelConfig, kernel_loss, residual};
-use crate::occluders::survey::{is_doubled, survey_stride};
+use crate::occluders::survey::{is_doubled, survey_stride, survey_stride_before_cloud};
 use crate::photo_model::{Drawing, PhotoAndRender, Pixel, PixelBar};
 use crate::static_maps::StaticMaps;
 use engine::data::{Batch, Dataset, Patches, Shape};
@@ -112,7 +112,7 @@ pub(super) fn occluders<'a>(planning: &mut Planning<'a>) -> Result<Build<'a, dyn
     let trimming = trimming(planning)?;
     let error: KernelConfig = planning.settings.of(&planning.by_field(CHARBONNIER, SQUARED))?;
     error.check()?;
-    let judge = PhotoOutliers::new(planning.backdrop, planning.brightness());
+    let judge = PhotoOutliers::new(planning.backdrop, planning.brightness(), Expecting::All);
     let data = planning.data;
     Ok(Box::new(move || Ok(Box::new(RobustNerf::new(&settings, &trimming, error.kernel(), judge, data)?))))
 }
@@ -127,7 +127,8 @@ pub(crate) fn masking(
 ) -> Result<Box<dyn OccluderModel>, SystemError> {
     let judge_first = (steps.saturating_sub(1) / PARTS).max(1);
     let settings = RobustConfig { judge_first, ..RobustConfig::HASH_GRID };
-    Ok(Box::new(RobustNerf::new(&settings, trimming, CHARBONNIER.kernel(), judge, data)?))
+    let model = RobustNerf::new(&settings, trimming, CHARBONNIER.kernel(), judge, data)?;
+    Ok(Box::new(RobustNerf { stride: survey_stride_before_cloud(data), ..model }))
 }
 
 /// The weights of rays, and the loss with them.
@@ -191,7 +192,7 @@ impl OccluderModel for RobustNerf {
     }
 
     fn survey_view(&mut self, data: &Dataset, seen: &PhotoAndRender<'_>) -> Result<(), SystemError> {
-        self.judge.add(data, seen);
+        self.judge.add(data, seen, &self.maps);
         Ok(())
     }
 

@@ -26,7 +26,7 @@ use super::robust_nerf::trimming;
 use crate::claims::Claim;
 use crate::limits::{above_0, at_least_1, within};
 use crate::occluders::OccluderModel;
-use crate::occluders::outliers::{OutlierConfig, PhotoOutliers, StaticParts};
+use crate::occluders::outliers::{Expecting, OutlierConfig, PhotoOutliers, StaticParts};
 use crate::occluders::pixel_error::{KernelConfig, kernel_loss};
 use crate::occluders::survey::{is_doubled, survey_stride};
 use crate::photo_model::{PhotoAndRender, Pixel, PixelBar};
@@ -135,7 +135,7 @@ pub(super) fn occluders<'a>(planning: &mut Planning<'a>) -> Result<Build<'a, dyn
     let trimming = trimming(planning)?;
     let error: KernelConfig = planning.settings.of(&planning.by_field(CHARBONNIER, SQUARED))?;
     error.check()?;
-    let judge = PhotoOutliers::new(planning.backdrop, planning.brightness());
+    let judge = PhotoOutliers::new(planning.backdrop, planning.brightness(), Expecting::All);
     let (scene, data) = (planning.scene, planning.data);
     Ok(Box::new(move || Ok(Box::new(Hugs::new(&settings, &trimming, error.kernel(), judge, scene, data)?))))
 }
@@ -253,7 +253,7 @@ impl OccluderModel for Hugs {
             None if self.settings.segments == SegmentKind::Pixels => Pieces::Pixels,
             None => Pieces::superpixels(self.superpixels, extent, seen.truth)?,
         };
-        self.judge.add(data, seen);
+        self.judge.add(data, seen, &self.maps);
         self.clues.push(Clue { extent, stride, from_file, h_sfm, pieces });
         Ok(())
     }
