@@ -70,21 +70,29 @@ impl Trained<'_> {
     }
 }
 
-/// Train; `prepare` sees the run before its first step.
+/// Train; `prepare` sees the run before its first step. Schedules end where the training does, for how fast this machine is, as `train`
+/// of the apps plans them.
 pub(crate) fn train<'a>(job: Job<'a>, prepare: impl FnOnce(&mut Run<'a>)) -> Result<Trained<'a>, BenchError> {
     let (schedule, lpips) = (job.schedule.clone(), job.lpips);
-    let (mut run, mut watch, folder) = begin(job)?;
+    let speed = matches!(schedule.stop, Stop::Seconds(_)).then(systems::plan::machine_speed);
+    let request = Request { stop: Some(schedule.stop), speed, ..job.request.clone() };
+    let (mut run, mut watch, folder) = begin_as(&job, &request)?;
     prepare(&mut run);
     let (ended, evaluation) = run.train(&schedule, lpips, &mut watch, &AtomicBool::new(false))?;
     Ok(Trained { run, ended, evaluation, watch, folder })
 }
 
-/// A run before its first step.
+/// A run before its first step, which nothing is planned to end.
 pub(crate) fn begin<'a>(job: Job<'a>) -> Result<(Run<'a>, Watch<'a>, TempDir), BenchError> {
+    begin_as(&job, job.request)
+}
+
+/// A job by a request that differs from its own in what is known of its end.
+fn begin_as<'a>(job: &Job<'a>, request: &Request) -> Result<(Run<'a>, Watch<'a>, TempDir), BenchError> {
     let folder = tempfile::tempdir().map_err(BenchError::file(&std::env::temp_dir()))?;
     let mut watch = Watch::new(job.name);
     let parts = disk_parts(job.load, job.build, DefaultSystem::Named("ngp"));
-    let run = Run::create(&folder.path().join("run"), job.request, parts, &mut watch)?;
+    let run = Run::create(&folder.path().join("run"), request, parts, &mut watch)?;
     Ok((run, watch, folder))
 }
 

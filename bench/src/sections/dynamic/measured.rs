@@ -73,12 +73,6 @@ pub(super) fn request(
     Ok(Some(Request { system: Some(entry.system.into()), set, ..request }))
 }
 
-/// The request with schedules that end where the training does, as `train` plans them.
-fn planned(request: &Request, stop: Stop) -> Request {
-    let speed = matches!(stop, Stop::Seconds(_)).then(systems::plan::machine_speed);
-    Request { stop: Some(stop), speed, ..request.clone() }
-}
-
 /// Train until `stop`, the held-out views measured on the way, and measure everything at the end.
 pub(super) fn measure(
     bench: &Bench,
@@ -95,9 +89,6 @@ pub(super) fn measure(
         }
         Ok(scene)
     };
-    // Rows of films are planned for where they stop and how fast this machine is, as by `train`: schedules are shares of that.
-    let planned = group.film.map(|_| planned(request, stop));
-    let request = planned.as_ref().unwrap_or(request);
     let name = format!("{}, {}", group.name, entry.name);
     let job =
         Job { name: &name, request, load: &load, build: &systems::registry::build, schedule: schedule(stop), lpips };
