@@ -39,6 +39,10 @@
 //! * [`structure`]: two pictures that should not have the same structure (DeGauss)
 //! * [`sparsity`]: little density, little opacity of occluders (SF-NeRF)
 //!
+//! **Gaussians**
+//!
+//! * [`anisotropy`]: the longest of three sizes over the shortest, above what is allowed (PhysGaussian)
+//!
 //! **Fits and metrics**
 //!
 //! * [`irls`]: robust fits by iteratively reweighted least squares
@@ -74,6 +78,7 @@ extern crate std;
 #[cfg(not(any(feature = "std", feature = "libm")))]
 compile_error!("losses needs a float backend: enable `std` or `libm`");
 
+pub mod anisotropy;
 pub mod background;
 pub mod codes;
 pub mod coherence;

@@ -1,5 +1,6 @@
 //! The tests of this crate in one program: built and linked once. `cargo test -p wildfield-losses --test all MODULE::` runs one file of them.
 
+mod anisotropy;
 mod background;
 mod coherence;
 mod depth;

@@ -5,8 +5,11 @@
 //!
 //! Wang, Lohmeyer, Meboldt, Tang, "DeGauss: Dynamic-static decomposition with Gaussian splatting for distractor-free 3D reconstruction", 2025.
 
+mod compare;
 mod composite;
 mod costs;
+mod first_stage;
+mod mask_costs;
 mod pass;
 mod settings;
 #[cfg(test)]

@@ -10,6 +10,7 @@ use crate::views::{
 };
 use float_core::Simd;
 use float_core::m32::logistic;
+use losses::anisotropy::anisotropy_backward;
 use rayon::prelude::*;
 use splat_core::density::opacity;
 use splat_core::{Gaussians, View};
@@ -19,6 +20,9 @@ const BEHIND: PlaneLayout = PlaneLayout { depth: true, extras: 0, plain: false }
 const FRONT: PlaneLayout = PlaneLayout { depth: true, extras: MASK_ROWS, plain: false };
 const BEHIND_FEATURES: usize = 4;
 const FRONT_FEATURES: usize = 8;
+/// Steps between two in which Gaussians are held to be no more slender than this.
+const SLENDER_EVERY: u64 = 10;
+const SLENDER_FREE: f64 = 5.0;
 /// Pixels that one task takes.
 const PIXELS: usize = 1 << 13;
 
@@ -248,11 +252,20 @@ impl PicturePass for LayeredPass {
         } else {
             of_front.gaussians.fields_mut().into_iter().for_each(|(_, values)| values.fill(0.0));
         }
+        let mut slender = 0.0;
+        if layers.settings.front_anisotropy > 0.0 && parts.step.is_multiple_of(SLENDER_EVERY) {
+            let clouds = [(&behind[0], of_behind), (&front[0], of_front)];
+            for (cloud, bar) in clouds.into_iter().take(1 + usize::from(begun)) {
+                let (scales, bars) = (&cloud.gaussians.log_scale, &mut bar.gaussians.log_scale);
+                let weight = layers.settings.front_anisotropy;
+                slender += weight * anisotropy_backward(scales, SLENDER_FREE, weight, bars)?;
+            }
+        }
         self.count_uses(&front[0], begun);
         self.masks = masks;
         self.behind.add_seconds(parts.seconds);
         self.front.add_seconds(parts.seconds);
-        Ok(Outcome { loss, mse, drawn })
+        Ok(Outcome { loss: loss + slender, mse, drawn })
     }
 
     fn seen(&self, index: usize) -> SeenGaussians<'_> {

@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 pub(crate) struct LayerSettings {
     /// The cloud in front waits for this share of the schedule: what stands still is learnt first.
     pub(crate) front_from: f64,
+    /// For this share of the schedule both clouds learn as in the paper's first stage: the one behind all of the photos, as if nothing moved.
+    pub(crate) front_first_stage: f64,
     /// The cloud in front goes with the camera, and has no place in the scene: what stands before single photos.
     pub(crate) front_at_camera: bool,
     /// Each cloud is compared with the photo by itself, by its share, and not what both show together: the front may have any pixel
@@ -37,6 +39,10 @@ pub(crate) struct LayerSettings {
     pub(crate) front_smoothness: f64,
     /// Brightness other than 1, at the end.
     pub(crate) front_brightness: f64,
+    /// The cloud behind, as bright as the front makes it, is not the photo; until the weight of other brightness is larger.
+    pub(crate) front_brightness_photo: f64,
+    /// Gaussians of both clouds are more than five times as long as they are thin.
+    pub(crate) front_anisotropy: f64,
     /// In the second half of the schedule Gaussians in front are dropped that have less than this in every photo: their opacity times
     /// their own share of their masks; 0: none.
     pub(crate) front_prune: f64,
@@ -63,6 +69,12 @@ impl LayerSettings {
                 self.front_from,
                 "must be a share, 0 to below 1",
             ),
+            unless(
+                (0.0..=1.0).contains(&self.front_first_stage),
+                "front_first_stage",
+                self.front_first_stage,
+                "must be a share, 0 to 1",
+            ),
             not_negative("front_mask_lr", self.front_mask_lr),
             not_negative("front_structure", self.front_structure),
             not_negative("front_each", self.front_each),
@@ -73,6 +85,8 @@ impl LayerSettings {
             not_negative("front_separation", self.front_separation),
             not_negative("front_smoothness", self.front_smoothness),
             not_negative("front_brightness", self.front_brightness),
+            not_negative("front_brightness_photo", self.front_brightness_photo),
+            not_negative("front_anisotropy", self.front_anisotropy),
             unless(
                 (0.0..1.0).contains(&self.front_prune),
                 "front_prune",
@@ -108,7 +122,10 @@ mod tests {
         use crate::cloud_layers::LayerSettings;
         for (name, settings) in [
             ("front_from", LayerSettings { front_from: 1.0, ..SETTINGS }),
+            ("front_first_stage", LayerSettings { front_first_stage: 1.5, ..SETTINGS }),
             ("front_divergence", LayerSettings { front_divergence: -1.0, ..SETTINGS }),
+            ("front_brightness_photo", LayerSettings { front_brightness_photo: -1.0, ..SETTINGS }),
+            ("front_anisotropy", LayerSettings { front_anisotropy: f64::INFINITY, ..SETTINGS }),
             ("front_sparsity_start", LayerSettings { front_sparsity_start: f64::NAN, ..SETTINGS }),
             ("front_prune", LayerSettings { front_prune: 1.0, ..SETTINGS }),
         ] {

@@ -95,6 +95,7 @@ fn where_nothing_is_in_front_all_is_behind() {
 
 pub(super) const SETTINGS: LayerSettings = LayerSettings {
     front_from: 0.1,
+    front_first_stage: 0.0,
     front_at_camera: false,
     front_apart: false,
     front_shades: true,
@@ -108,6 +109,8 @@ pub(super) const SETTINGS: LayerSettings = LayerSettings {
     front_separation: 0.1,
     front_smoothness: 0.05,
     front_brightness: 0.2,
+    front_brightness_photo: 0.05,
+    front_anisotropy: 0.0,
     front_prune: 0.0,
 };
 const SIZE: [usize; 2] = [28, 24];
@@ -186,9 +189,10 @@ fn the_gradient_of_a_step_is_that_of_differences_in_every_kind_of_parameter() {
     // to be of the other cloud, which no gradient knows.
     const STEPS: [f32; 5] = [1e-3, 6e-4, 3e-4, 2e-4, 1e-4];
     let clouds = [cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, MASK_ROWS)];
-    let plain = LayerSettings { front_each: 0.0, front_shades: false, ..SETTINGS };
+    let plain = LayerSettings { front_each: 0.0, front_shades: false, front_brightness_photo: 0.0, ..SETTINGS };
     let apart = LayerSettings { front_apart: true, ..SETTINGS };
-    for (settings, at) in [(SETTINGS, 80), (SETTINGS, 5), (plain, 30), (apart, 80)] {
+    let round = LayerSettings { front_anisotropy: 0.1, ..SETTINGS };
+    for (settings, at) in [(SETTINGS, 80), (round, 80), (SETTINGS, 81), (SETTINGS, 5), (plain, 30), (apart, 80)] {
         let said = step(settings, &clouds, at);
         for index in 0..2 {
             for kind in 0..7 {
@@ -219,6 +223,67 @@ fn the_gradient_of_a_step_is_that_of_differences_in_every_kind_of_parameter() {
         let front = fields(&mut said.gradients[1].clone()).iter().any(|values| values.iter().any(|g| *g != 0.0));
         assert_eq!(front, begun, "step {at}");
     }
+}
+
+/// Of a step in the paper's first stage.
+const FIRST: LayerSettings =
+    LayerSettings { front_from: 0.0, front_first_stage: 0.2, front_smoothness: 0.0, ..SETTINGS };
+
+/// Of colours and masks, against differences: the rest moves edges, and is taken back as everywhere.
+fn front_has_the_gradient_of_the_cost(settings: LayerSettings, clouds: &[CloudParameters; 2], at: u64) {
+    let said = step(settings, clouds, at);
+    for kind in 4..7 {
+        let gradient = fields(&mut said.gradients[1].clone()).remove(kind).to_vec();
+        let way: Vec<f32> = gradient.iter().map(|g| if *g < 0.0 { -1.0 } else { 1.0 }).collect();
+        let moved = |h: f32| {
+            let mut moved = clouds.clone();
+            let values = fields(&mut moved[1]).remove(kind);
+            values.iter_mut().zip(&way).for_each(|(x, way)| *x += h * way);
+            step(settings, &moved, at).loss
+        };
+        let want = (moved(3e-4) - moved(-3e-4)) / 6e-4;
+        let got: f64 = gradient.iter().map(|g| f64::from(g.abs())).sum();
+        assert!(got > 0.0 && (got - want).abs() < 0.01 * want.abs() + 3e-4, "step {at}, kind {kind}: {got} {want}");
+    }
+}
+
+#[test]
+fn in_the_first_stage_the_cloud_behind_learns_by_itself_and_the_front_what_is_left() {
+    let clouds = [cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, MASK_ROWS)];
+    let said = step(FIRST, &clouds, 5);
+    front_has_the_gradient_of_the_cost(FIRST, &clouds, 5);
+    // The cloud behind does not hear of the front: neither of what it shows nor of how bright it makes what is behind.
+    let mut other = clouds.clone();
+    other[1].gaussians.dc.iter_mut().for_each(|dc| *dc = -*dc);
+    other[1].extra.iter_mut().for_each(|mask| *mask += 1.0);
+    let there = step(FIRST, &other, 5);
+    assert_ne!(said.gradients[1], there.gradients[1]);
+    let [here, there] = [said, there].map(|mut said| fields(&mut said.gradients[0]).concat());
+    let largest = here.iter().fold(0.0_f32, |most, g| most.max(g.abs()));
+    let off = here.iter().zip(&there).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(largest > 0.0 && off < 1e-3 * largest, "{off} {largest}");
+    // After it both are one picture again.
+    assert_eq!(
+        step(FIRST, &clouds, 20).loss,
+        step(LayerSettings { front_first_stage: 0.0, ..FIRST }, &clouds, 20).loss
+    );
+}
+
+#[test]
+fn brightness_is_held_to_the_photo_at_first_and_needles_now_and_then() {
+    let clouds = [cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, MASK_ROWS)];
+    let loss = |settings: LayerSettings, at: u64| step(settings, &clouds, at).loss;
+    let without = LayerSettings { front_from: 0.0, front_brightness_photo: 0.0, ..SETTINGS };
+    let with = LayerSettings { front_brightness_photo: 0.05, ..without };
+    assert!(loss(with, 5) > loss(without, 5));
+    front_has_the_gradient_of_the_cost(LayerSettings { front_brightness_photo: 1.0, ..with }, &clouds, 5);
+    assert_eq!(loss(with, 80), loss(without, 80), "the weight of other brightness is larger by then");
+    let mut needles = clouds.clone();
+    needles[0].gaussians.log_scale[..40].fill(1.0);
+    let round = LayerSettings { front_anisotropy: 0.1, ..without };
+    let cost = |clouds: &[CloudParameters; 2], at| step(round, clouds, at).loss - step(without, clouds, at).loss;
+    assert!(cost(&needles, 20) > cost(&clouds, 20) && cost(&clouds, 20) >= 0.0);
+    assert_eq!(cost(&needles, 21), 0.0, "every tenth step");
 }
 
 #[test]

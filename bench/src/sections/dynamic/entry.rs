@@ -13,6 +13,8 @@ pub(super) struct Entry {
     pub(super) without: Option<&'static str>,
     /// Whether motion masks are read where there are any.
     pub(super) masks: bool,
+    /// Whether a picture takes minutes: few held-out views are measured, at the end alone.
+    pub(super) slow: bool,
     pub(super) aims: &'static [Aim],
 }
 
@@ -39,7 +41,7 @@ pub(super) enum Aim {
 
 impl Entry {
     pub(super) const fn new(system: &'static str) -> Self {
-        Self { name: system, system, set: "", quick: "", without: None, masks: true, aims: &[] }
+        Self { name: system, system, set: "", quick: "", without: None, masks: true, slow: false, aims: &[] }
     }
 
     /// The same under another name.
@@ -63,6 +65,11 @@ impl Entry {
     /// The same without motion masks.
     pub(super) const fn blind(self) -> Self {
         Self { masks: false, ..self }
+    }
+
+    /// The same, whose pictures take minutes.
+    pub(super) const fn slow(self) -> Self {
+        Self { slow: true, ..self }
     }
 
     pub(super) const fn aims(self, aims: &'static [Aim]) -> Self {

@@ -14,8 +14,8 @@ use engine::options::{DataOptions, Request};
 use engine::source::{SYNTHETIC, as_asked};
 use engine::train::{Schedule, Stop};
 use losses::metrics::Lpips;
-use scene_io::Scene;
 use scene_io::synthetic::{MouthOptions, OrbitMotion, OrbitOptions, TissueOptions, mouth, orbit, tissue};
+use scene_io::{Scene, Split};
 use std::path::Path;
 
 /// Training seconds after which the held-out views are measured.
@@ -24,6 +24,9 @@ pub(super) const EVAL_AT: [f64; 6] = [10.0, 30.0, 60.0, 120.0, 300.0, 600.0];
 const EARLY: f64 = 0.1;
 /// Steps between measurements where steps are given: so many in all.
 const POINTS: u64 = 10;
+
+/// Held-out views of systems whose pictures take minutes.
+const VIEWS_OF_SLOW: usize = 2;
 
 /// What came out.
 #[derive(Clone, Debug, Default)]
@@ -87,11 +90,24 @@ pub(super) fn measure(
         if !entry.masks {
             scene.frames.iter_mut().for_each(|frame| frame.priors.motion.mask = None);
         }
+        if entry.slow {
+            let mut held_out = 0;
+            scene.frames.retain(|frame| {
+                held_out += usize::from(frame.split == Split::Test);
+                frame.split != Split::Test || held_out <= VIEWS_OF_SLOW
+            });
+        }
         Ok(scene)
     };
     let name = format!("{}, {}", group.name, entry.name);
-    let job =
-        Job { name: &name, request, load: &load, build: &systems::registry::build, schedule: schedule(stop), lpips };
+    let job = Job {
+        name: &name,
+        request,
+        load: &load,
+        build: &systems::registry::build,
+        schedule: schedule(stop, entry.slow),
+        lpips,
+    };
     let trained = train(job, |_| {})?;
     let (views, ended) = (trained.views(), trained.ended);
     say(&format!("        {name}: {:.1} ms a step", trained.ms_per_step()));
@@ -127,10 +143,11 @@ fn empty_stage(bench: &Bench, group: &Group, data: &DataOptions) -> Result<Optio
     as_asked(empty, data).map(Some).map_err(BenchError::part)
 }
 
-/// When the held-out views are measured.
-fn schedule(stop: Stop) -> Schedule {
+/// When the held-out views are measured; of a `slow` system at the end alone.
+fn schedule(stop: Stop, slow: bool) -> Schedule {
     let schedule = Schedule::new(stop);
     match stop {
+        _ if slow => schedule,
         Stop::Seconds(seconds) => {
             Schedule { eval_at: EVAL_AT.into_iter().chain([EARLY * seconds]).collect(), ..schedule }
         }
@@ -201,9 +218,11 @@ mod tests {
 
     #[test]
     fn held_out_views_are_measured_after_a_tenth_too() {
-        let by_time = schedule(Stop::Seconds(200.0));
+        let by_time = schedule(Stop::Seconds(200.0), false);
         assert!(by_time.eval_at.contains(&20.0) && by_time.eval_at.contains(&600.0) && by_time.eval_every.is_none());
-        assert_eq!(schedule(Stop::Steps(2000)).eval_every, Some(200));
-        assert_eq!(schedule(Stop::Steps(1)).eval_every, Some(1));
+        assert_eq!(schedule(Stop::Steps(2000), false).eval_every, Some(200));
+        assert_eq!(schedule(Stop::Steps(1), false).eval_every, Some(1));
+        let slow = schedule(Stop::Seconds(200.0), true);
+        assert!(slow.eval_at.is_empty() && slow.eval_every.is_none());
     }
 }

@@ -39,7 +39,7 @@ const INTRO: &str = "Held-out views at held-out times. Moving: pixels that show 
                      sequence one back) by the canonical points of the system; how far from where they truly are then, world units \
                      and % of their true way, which is 100 % for who says that nothing moves; end point: the same in the picture of \
                      the view's camera; of still: both for things that never move; n/a: the system says nothing of where points go. Rows \
-                     that take a part out of a system do as many steps as it did. The time is that of the training alone, with \
+                     that take a part out of a system do as many steps as it did; of systems whose pictures take minutes few views are measured. The time is that of the training alone, with \
                      whatever else the machine does: compare it within a table.";
 
 /// The path-traced scene.

@@ -43,6 +43,7 @@ pub(crate) const CLAIM: Claim = Claim {
 /// Weights over that of the absolute difference, which is 4 in the supplement; that of each cloud alone is 1 there.
 const LAYERS: LayerSettings = LayerSettings {
     front_from: 0.0,
+    front_first_stage: 0.0,
     front_at_camera: false,
     front_apart: false,
     front_shades: true,
@@ -56,6 +57,8 @@ const LAYERS: LayerSettings = LayerSettings {
     front_separation: 0.025,
     front_smoothness: 0.025,
     front_brightness: 0.125,
+    front_brightness_photo: 0.0,
+    front_anisotropy: 0.0,
     front_prune: 0.0,
 };
 
