@@ -33,6 +33,8 @@ pub(crate) struct Bench {
     pub(crate) seconds: Option<f64>,
     /// Training steps of a row, where something is said.
     pub(crate) steps: Option<u64>,
+    /// Whether the held-out views of moving scenes are measured at the end of a row alone.
+    pub(crate) at_end: bool,
     /// Views of datasets that are measured in the place of the test views, a word of `--validation`.
     pub(crate) validation: Option<String>,
 }
@@ -65,6 +67,7 @@ impl Bench {
             protocols: cli.protocol.clone(),
             seconds: cli.seconds,
             steps: cli.steps,
+            at_end: cli.at_end,
             validation: cli.validation.clone(),
         })
     }

@@ -41,6 +41,11 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) steps: Option<u64>,
 
+    /// Measure the held-out views of moving scenes at the end of each row alone: pages of large pictures take minutes instead of an hour, and
+    /// have no curves
+    #[arg(long, conflicts_with = "quick")]
+    pub(crate) at_end: bool,
+
     /// Measure views held out of the training views in the place of the test views, which are not looked at: `every:8`,
     /// `names:FILE`, `dataset`. For choosing settings by a protocol; `every:8+4` leaves the first photo, whose light lego's protocols
     /// are measured in
@@ -80,5 +85,6 @@ mod tests {
         assert!(Cli::try_parse_from(["nerf-bench", "--validation", "every:8+4"]).is_ok());
         assert!(Cli::try_parse_from(["nerf-bench", "--validation", "sometimes"]).is_err());
         assert!(Cli::try_parse_from(["nerf-bench", "--validation", "every:8", "--quick"]).is_err());
+        assert!(Cli::try_parse_from(["nerf-bench", "--at-end", "--quick"]).is_err());
     }
 }

@@ -105,7 +105,7 @@ pub(super) fn measure(
         request,
         load: &load,
         build: &systems::registry::build,
-        schedule: schedule(stop, entry.slow),
+        schedule: schedule(stop, bench.at_end || entry.slow),
         lpips,
     };
     let trained = train(job, |_| {})?;
@@ -143,11 +143,11 @@ fn empty_stage(bench: &Bench, group: &Group, data: &DataOptions) -> Result<Optio
     as_asked(empty, data).map(Some).map_err(BenchError::part)
 }
 
-/// When the held-out views are measured; of a `slow` system at the end alone.
-fn schedule(stop: Stop, slow: bool) -> Schedule {
+/// When the held-out views are measured; `at_end`: only then.
+fn schedule(stop: Stop, at_end: bool) -> Schedule {
     let schedule = Schedule::new(stop);
     match stop {
-        _ if slow => schedule,
+        _ if at_end => schedule,
         Stop::Seconds(seconds) => {
             Schedule { eval_at: EVAL_AT.into_iter().chain([EARLY * seconds]).collect(), ..schedule }
         }
@@ -222,7 +222,7 @@ mod tests {
         assert!(by_time.eval_at.contains(&20.0) && by_time.eval_at.contains(&600.0) && by_time.eval_every.is_none());
         assert_eq!(schedule(Stop::Steps(2000), false).eval_every, Some(200));
         assert_eq!(schedule(Stop::Steps(1), false).eval_every, Some(1));
-        let slow = schedule(Stop::Seconds(200.0), true);
-        assert!(slow.eval_at.is_empty() && slow.eval_every.is_none());
+        let at_end = schedule(Stop::Seconds(200.0), true);
+        assert!(at_end.eval_at.is_empty() && at_end.eval_every.is_none());
     }
 }
