@@ -1,7 +1,7 @@
 //! One of the pictures of two clouds, compared with the photo.
 
 use super::composite::{Composed, ComposedBar};
-use super::costs::{CostBars, Seen};
+use super::seen::{CostBars, Seen};
 use crate::views::TargetPicture;
 use float_core::Simd;
 use losses::LossError;

@@ -18,7 +18,7 @@
 //! Wang et al., "DeGauss", 2025, equations 3 to 8, supplement and released code; what differs: `docs/decisions/0066-degauss.md`.
 
 use super::compare::{Comparison, Counted, Which};
-use super::composite::{Composed, ComposedBar};
+use super::seen::{CostBars, Seen};
 use super::settings::LayerSettings;
 use super::{first_stage, mask_costs};
 use crate::views::{RenderedPicture, TargetPicture};
@@ -33,57 +33,6 @@ const CERTAIN: f32 = 0.6;
 const STRUCTURE_OF_EACH: f32 = 0.1;
 /// Below this opacity a cloud has no depth.
 const OPAQUE: f32 = 0.5;
-
-/// Both clouds as a photo's camera sees them.
-pub(super) struct Seen<'a> {
-    pub(super) composed: &'a [Composed],
-    pub(super) behind: RenderedPicture<'a>,
-    /// `None`: it has not begun.
-    pub(super) front: Option<RenderedPicture<'a>>,
-}
-
-/// Gradients of a part of the cost.
-#[derive(Clone, Debug, Default)]
-pub(super) struct CostBars {
-    /// `[pixels]`
-    pub(super) composed: Vec<ComposedBar>,
-    /// `[pixels]`, with respect to the composited depths, and to the transmittance of the front.
-    pub(super) behind_depth: Vec<f32>,
-    pub(super) front_depth: Vec<f32>,
-    pub(super) front_transmittance: Vec<f32>,
-}
-
-impl CostBars {
-    fn begin(&mut self, pixels: usize) {
-        self.composed.clear();
-        self.composed.resize(pixels, ComposedBar::default());
-        for plane in [&mut self.behind_depth, &mut self.front_depth, &mut self.front_transmittance] {
-            plane.clear();
-            plane.resize(pixels, 0.0);
-        }
-    }
-
-    /// Add those of another part.
-    pub(super) fn add(&mut self, other: &Self) {
-        for (sum, more) in self.composed.iter_mut().zip(&other.composed) {
-            for c in 0..3 {
-                sum.colour[c] += more.colour[c];
-                sum.front[c] += more.front[c];
-                sum.behind[c] += more.behind[c];
-            }
-            sum.share += more.share;
-            sum.brightness += more.brightness;
-        }
-        let planes = [
-            (&mut self.behind_depth, &other.behind_depth),
-            (&mut self.front_depth, &other.front_depth),
-            (&mut self.front_transmittance, &other.front_transmittance),
-        ];
-        for (sum, more) in planes {
-            sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
-        }
-    }
-}
 
 /// Costs, with their buffers.
 pub(super) struct Costs {

@@ -12,7 +12,7 @@
 //! Wang et al., "DeGauss", 2025, supplement and released code; weights over that of the absolute difference, 4.
 
 use super::compare::{Comparison, Counted, Which};
-use super::costs::{CostBars, Seen};
+use super::seen::{CostBars, Seen};
 use crate::views::TargetPicture;
 use losses::LossError;
 

@@ -12,7 +12,7 @@
 //! Wang et al., "DeGauss", 2025, equations 9 and 10 and released code. As printed, the weights of the two parts of equation 10 change the
 //! other way round, against the text: `docs/decisions/0066-degauss.md`.
 
-use super::costs::{CostBars, Seen};
+use super::seen::{CostBars, Seen};
 use super::settings::LayerSettings;
 use crate::views::TargetPicture;
 use losses::entropy;

@@ -11,6 +11,7 @@ mod costs;
 mod first_stage;
 mod mask_costs;
 mod pass;
+mod seen;
 mod settings;
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,8 @@
 
 use super::MASK_ROWS;
 use super::composite::{Composed, FrontPixel, PixelBars, compose, pull_back};
-use super::costs::{CostBars, Costs, Seen};
+use super::costs::Costs;
+use super::seen::{CostBars, Seen};
 use super::settings::LayerSettings;
 use crate::views::{
     CloudLayers, CloudParameters, DrawnCloud, FrontSeen, LossParts, Outcome, Pass, PassError, PicturePass, PlaneLayout,

@@ -6,8 +6,10 @@
 //! P_f = (M_f + d) / (M_f + M_b + 2 d),  P_b = 1 - P_f           masks, composited from Gaussians in front (equation 1)
 //! C = P_f C_f + P_b clamp(B C_b, 0, 1),  B = 1/2 + a(X)         both clouds; B: how bright the one behind is (equation 4)
 //! main    = |C - I| + sum_e 1[P_e > t] (|C_e - I| + 0.1 L_ssim(C_e, I)) + depths           (equations 3, 5, 6)
-//! utility = L_ssim(C, I) + H(P_f) + |B - 1|                                (equation 9, and of equation 10 the second part)
+//! utility = L_ssim(C, I) + H(P_f) + |B - 1| + |clamp(B C_b) - I| + sizes   (equations 9 and 10; ratios of sizes)
 //! ```
+//!
+//! In a first stage of films (a twentieth of a training) the cloud behind learns all of the photos, and the front what is left.
 //!
 //! All parameters learn from both parts; new Gaussians come where the main part says. The cloud in front moves as that of `4dgs`
 //! ([`crate::cloud_motion`]), opacities and colours too; the one behind is that of `splat`. Photos without times each show another time of
@@ -34,16 +36,16 @@ pub(crate) const CLAIM: Claim = Claim {
     what: "A cloud of what moves before a cloud of what stands still, by masks that are learnt",
     take: "the scene without what moves, from a film or from photos with people in the way",
     differs: "Clouds are those of `splat` and `4dgs` here; of films all is of the cloud behind where nothing is in front. Of photos without \
-              times the front is a sheet before each camera, and masks learn by how far the cloud behind is off. Not there: losses of \
-              a first stage, in which the front stands still (here for a tenth), ratios of sizes, brightness held to photos; planned \
-              as off: structural divergence, pruning by utility.",
+              times the front is a sheet before each camera, and masks learn by how far the cloud behind is off. Planned as off: each \
+              cloud alone, structural divergence, brightness held to photos, pruning by utility; of photos without times the losses \
+              of a first stage, too.",
     mark: "own clouds, masks by opacity",
 };
 
 /// Weights over that of the absolute difference, which is 4 in the supplement; that of each cloud alone is 1 there.
 const LAYERS: LayerSettings = LayerSettings {
     front_from: 0.0,
-    front_first_stage: 0.0,
+    front_first_stage: 0.05,
     front_at_camera: false,
     front_apart: false,
     front_shades: true,
@@ -58,7 +60,7 @@ const LAYERS: LayerSettings = LayerSettings {
     front_smoothness: 0.025,
     front_brightness: 0.125,
     front_brightness_photo: 0.0,
-    front_anisotropy: 0.0,
+    front_anisotropy: 0.025,
     front_prune: 0.0,
 };
 
@@ -66,6 +68,7 @@ const LAYERS: LayerSettings = LayerSettings {
 /// nothing of it is the same in two photos but by chance. What both could show is of the cloud behind.
 const BEFORE_PHOTOS: LayerSettings = LayerSettings {
     front_from: BEFORE_PHOTOS_FROM,
+    front_first_stage: 0.0,
     front_at_camera: true,
     front_apart: true,
     front_shades: false,
@@ -74,6 +77,7 @@ const BEFORE_PHOTOS: LayerSettings = LayerSettings {
     front_sparsity: 0.15,
     front_sparsity_start: 0.05,
     front_separation: 0.0,
+    front_anisotropy: 0.0,
     ..LAYERS
 };
 
