@@ -18,7 +18,7 @@
 //! Wang et al., "DeGauss", 2025, equations 3 to 8, supplement and released code; what differs: `docs/decisions/0066-degauss.md`.
 
 use super::compare::{Comparison, Counted, Which};
-use super::seen::{CostBars, Seen};
+use super::seen::{CostBars, PartBars, Seen};
 use super::settings::LayerSettings;
 use super::{first_stage, mask_costs};
 use crate::views::{RenderedPicture, TargetPicture};
@@ -57,10 +57,13 @@ impl Costs {
         let mut sum = 0.0;
         match &seen.front {
             Some(_) if at < self.settings.front_first_stage => {
-                let bars = first_stage::Bars { main: &mut main, utility: &mut utility };
+                let bars = PartBars { main: &mut main, utility: &mut utility };
                 sum += first_stage::add(&mut self.comparison, seen, target, bars)?;
             }
-            Some(front) => sum += self.of_both(seen, front, target, at, [&mut main, &mut utility])?,
+            Some(front) => {
+                let bars = PartBars { main: &mut main, utility: &mut utility };
+                sum += self.of_both(seen, front, target, at, bars)?;
+            }
             None => {
                 let structure = self.settings.front_structure as f32;
                 let all = Counted::All;
@@ -84,8 +87,9 @@ impl Costs {
         front: &RenderedPicture<'_>,
         target: &TargetPicture<'_>,
         at: f64,
-        [main, utility]: [&mut CostBars; 2],
+        bars: PartBars<'_>,
     ) -> Result<f64, LossError> {
+        let PartBars { main, utility } = bars;
         let LayerSettings { front_structure, front_each, .. } = self.settings;
         let structure = front_structure as f32;
         let mut sum = 0.0;

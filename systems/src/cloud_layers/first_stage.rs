@@ -5,49 +5,45 @@
 //! utility = 0.05 (1 - SSIM(C_b, I)) + 0.05 (1 - SSIM(C_f, I))
 //! ```
 //!
-//! In the first term `C_b` has no gradient: the cloud behind learns the photos by itself, as if nothing moved, and the front learns what is
+//! The variation of depths behind counts as after it ([`super::costs`]). In the first term `C_b` has no gradient: the cloud behind learns the photos by itself, as if nothing moved, and the front learns what is
 //! left. That is held to be a little darker than the photo, so that it does not cover walls without texture.
 //!
 //! # Source
 //! Wang et al., "DeGauss", 2025, supplement and released code; weights over that of the absolute difference, 4.
 
 use super::compare::{Comparison, Counted, Which};
-use super::seen::{CostBars, Seen};
+use super::seen::{PartBars, Seen};
 use crate::views::TargetPicture;
 use losses::LossError;
+use losses::kernel::Kernel;
 
 /// What both clouds show together, as a share of the photo.
 const DARKER: f32 = 0.9;
 /// Weight of structure beside the absolute difference.
 const STRUCTURE: f32 = 0.05;
 
-/// Gradients of both parts of the cost, to be added to.
-pub(super) struct Bars<'a> {
-    pub(super) main: &'a mut CostBars,
-    pub(super) utility: &'a mut CostBars,
-}
-
 /// The cost; its gradients are added to `bars`.
 pub(super) fn add(
     comparison: &mut Comparison,
     seen: &Seen<'_>,
     target: &TargetPicture<'_>,
-    bars: Bars<'_>,
+    bars: PartBars<'_>,
 ) -> Result<f64, LossError> {
     let n = seen.composed.len();
     let each = 1.0 / (3 * n).max(1) as f32;
     let mut sum = 0.0;
     for (i, (pixel, bar)) in seen.composed.iter().zip(&mut bars.main.composed).enumerate() {
         let counts = each * target.weights.map_or(1.0, |w| w[i]);
+        let unlit = Which::Unlit.of(pixel);
         for (c, lit) in pixel.behind.into_iter().enumerate() {
-            let off = pixel.colour[c] - DARKER * target.colour[c * n + i];
-            sum += f64::from(counts * off.abs());
-            let sign = if off == 0.0 { 0.0 } else { counts * off.signum() };
+            let (seen, wanted) = (pixel.colour[c], DARKER * target.colour[c * n + i]);
+            sum += f64::from(counts * Kernel::L1.value(seen, wanted));
+            let seen_bar = counts * Kernel::L1.derivative(seen, wanted);
             let shown = lit.clamp(0.0, 1.0);
-            bar.share += sign * (pixel.front[c] - shown);
-            bar.front[c] += sign * pixel.share;
+            bar.share += seen_bar * (pixel.front[c] - shown);
+            bar.front[c] += seen_bar * pixel.share;
             if shown == lit {
-                bar.brightness += sign * (1.0 - pixel.share) * lit / pixel.brightness;
+                bar.brightness += seen_bar * (1.0 - pixel.share) * unlit[c];
             }
         }
     }

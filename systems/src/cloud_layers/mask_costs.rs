@@ -12,10 +12,12 @@
 //! Wang et al., "DeGauss", 2025, equations 9 and 10 and released code. As printed, the weights of the two parts of equation 10 change the
 //! other way round, against the text: `docs/decisions/0066-degauss.md`.
 
+use super::compare::Which;
 use super::seen::{CostBars, Seen};
 use super::settings::LayerSettings;
 use crate::views::TargetPicture;
 use losses::entropy;
+use losses::kernel::Kernel;
 
 /// Masks become clear from this share of the schedule on.
 const CLEAR_FROM: f64 = 0.5;
@@ -41,24 +43,21 @@ pub(super) fn add(
     let mut sum = 0.0;
     for (i, (pixel, bar)) in seen.composed.iter().zip(&mut bars.composed).enumerate() {
         let counts = target.weights.map_or(1.0, |w| f64::from(w[i]));
-        let off = pixel.brightness - 1.0;
-        sum += counts * (entropy * entropy::value(pixel.share) + brightness * f64::from(off.abs()));
+        let off = Kernel::L1.value(pixel.brightness, 1.0);
+        sum += counts * (entropy * entropy::value(pixel.share) + brightness * f64::from(off));
         sum += counts * sparsity * f64::from(pixel.share);
         bar.share += (counts * (sparsity + entropy * entropy::derivative(pixel.share))) as f32;
-        bar.brightness += (counts * brightness) as f32 * sign(off);
+        bar.brightness += (counts * brightness) as f32 * Kernel::L1.derivative(pixel.brightness, 1.0);
         if to_photo > 0.0 {
+            let unlit = Which::Unlit.of(pixel);
             for (c, lit) in pixel.behind.into_iter().enumerate() {
-                let off = lit.clamp(0.0, 1.0) - target.colour[c * pixels + i];
-                sum += counts * to_photo * f64::from(off.abs());
-                if (0.0..=1.0).contains(&lit) {
-                    bar.brightness += (counts * to_photo) as f32 * sign(off) * lit / pixel.brightness;
+                let (shown, wanted) = (lit.clamp(0.0, 1.0), target.colour[c * pixels + i]);
+                sum += counts * to_photo * f64::from(Kernel::L1.value(shown, wanted));
+                if shown == lit {
+                    bar.brightness += (counts * to_photo) as f32 * Kernel::L1.derivative(shown, wanted) * unlit[c];
                 }
             }
         }
     }
     sum
-}
-
-fn sign(x: f32) -> f32 {
-    if x == 0.0 { 0.0 } else { x.signum() }
 }

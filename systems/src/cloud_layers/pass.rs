@@ -46,6 +46,21 @@ impl TwoLayers {
         logistic(first[row] + extra)
     }
 
+    /// What Gaussians that are too slender cost; its gradient is added to that of each cloud. Every tenth step, as released.
+    fn slenderness<'a>(
+        &self,
+        step: u64,
+        clouds: impl Iterator<Item = (&'a DrawnCloud<'a>, &'a mut CloudParameters)>,
+    ) -> Result<f64, PassError> {
+        let weight = self.settings.front_anisotropy;
+        let mut sum = 0.0;
+        for (cloud, bar) in clouds.filter(|_| weight > 0.0 && step.is_multiple_of(SLENDER_EVERY)) {
+            let (sizes, bars) = (&cloud.gaussians.log_scale, &mut bar.gaussians.log_scale);
+            sum += weight * anisotropy_backward(sizes, SLENDER_FREE, weight, bars)?;
+        }
+        Ok(sum)
+    }
+
     /// The view as the cloud in front has it: where that goes with the camera, the camera stands at the origin.
     fn of_front(&self, view: &View) -> View {
         if self.settings.front_at_camera {
@@ -253,15 +268,8 @@ impl PicturePass for LayeredPass {
         } else {
             of_front.gaussians.fields_mut().into_iter().for_each(|(_, values)| values.fill(0.0));
         }
-        let mut slender = 0.0;
-        if layers.settings.front_anisotropy > 0.0 && parts.step.is_multiple_of(SLENDER_EVERY) {
-            let clouds = [(&behind[0], of_behind), (&front[0], of_front)];
-            for (cloud, bar) in clouds.into_iter().take(1 + usize::from(begun)) {
-                let (scales, bars) = (&cloud.gaussians.log_scale, &mut bar.gaussians.log_scale);
-                let weight = layers.settings.front_anisotropy;
-                slender += weight * anisotropy_backward(scales, SLENDER_FREE, weight, bars)?;
-            }
-        }
+        let clouds = [(&behind[0], of_behind), (&front[0], of_front)];
+        let slender = layers.slenderness(parts.step, clouds.into_iter().take(1 + usize::from(begun)))?;
         self.count_uses(&front[0], begun);
         self.masks = masks;
         self.behind.add_seconds(parts.seconds);

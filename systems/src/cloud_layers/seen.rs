@@ -53,3 +53,11 @@ impl CostBars {
         }
     }
 }
+
+/// Gradients of both parts of the cost, to be added to.
+pub(super) struct PartBars<'a> {
+    /// Of what says where Gaussians are needed.
+    pub(super) main: &'a mut CostBars,
+    /// Of the rest.
+    pub(super) utility: &'a mut CostBars,
+}

@@ -183,6 +183,24 @@ fn fields(cloud: &mut CloudParameters) -> Vec<&mut [f32]> {
     gaussians.fields_mut().into_iter().map(|(_, values)| values).chain([&mut extra[..]]).collect()
 }
 
+/// A way for one kind of a cloud's parameters: each by as much, to where the loss grows.
+struct Uphill<'a> {
+    index: usize,
+    kind: usize,
+    gradient: &'a [f32],
+}
+
+/// The central difference of a step's loss along a way.
+fn difference(settings: LayerSettings, clouds: &[CloudParameters; 2], at: u64, way: &Uphill<'_>, h: f32) -> f64 {
+    let moved = |h: f32| {
+        let mut moved = clouds.clone();
+        let values = fields(&mut moved[way.index]).remove(way.kind);
+        values.iter_mut().zip(way.gradient).for_each(|(x, g)| *x += if *g < 0.0 { -h } else { h });
+        step(settings, &moved, at).loss
+    };
+    (moved(h) - moved(-h)) / (2.0 * f64::from(h))
+}
+
 #[test]
 fn the_gradient_of_a_step_is_that_of_differences_in_every_kind_of_parameter() {
     // The median over steps of several lengths: now and then a difference holds an edge at which a Gaussian is cut off, or a pixel that comes
@@ -202,14 +220,8 @@ fn the_gradient_of_a_step_is_that_of_differences_in_every_kind_of_parameter() {
                 }
                 let mut gradient = said.gradients[index].clone();
                 let gradient = fields(&mut gradient).remove(kind).to_vec();
-                let way: Vec<f32> = gradient.iter().map(|g| if *g < 0.0 { -1.0 } else { 1.0 }).collect();
-                let moved = |h: f32| {
-                    let mut moved = clouds.clone();
-                    let values = fields(&mut moved[index]).remove(kind);
-                    values.iter_mut().zip(&way).for_each(|(x, way)| *x += h * way);
-                    step(settings, &moved, at).loss
-                };
-                let mut differences = STEPS.map(|h| (moved(h) - moved(-h)) / (2.0 * f64::from(h)));
+                let mut differences =
+                    STEPS.map(|h| difference(settings, &clouds, at, &Uphill { index, kind, gradient: &gradient }, h));
                 differences.sort_by(f64::total_cmp);
                 let want = differences[STEPS.len() / 2];
                 let got: f64 = gradient.iter().map(|g| f64::from(g.abs())).sum();
@@ -234,14 +246,7 @@ fn front_has_the_gradient_of_the_cost(settings: LayerSettings, clouds: &[CloudPa
     let said = step(settings, clouds, at);
     for kind in 4..7 {
         let gradient = fields(&mut said.gradients[1].clone()).remove(kind).to_vec();
-        let way: Vec<f32> = gradient.iter().map(|g| if *g < 0.0 { -1.0 } else { 1.0 }).collect();
-        let moved = |h: f32| {
-            let mut moved = clouds.clone();
-            let values = fields(&mut moved[1]).remove(kind);
-            values.iter_mut().zip(&way).for_each(|(x, way)| *x += h * way);
-            step(settings, &moved, at).loss
-        };
-        let want = (moved(3e-4) - moved(-3e-4)) / 6e-4;
+        let want = difference(settings, clouds, at, &Uphill { index: 1, kind, gradient: &gradient }, 3e-4);
         let got: f64 = gradient.iter().map(|g| f64::from(g.abs())).sum();
         assert!(got > 0.0 && (got - want).abs() < 0.01 * want.abs() + 3e-4, "step {at}, kind {kind}: {got} {want}");
     }
