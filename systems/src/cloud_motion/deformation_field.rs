@@ -3,6 +3,7 @@
 
 use super::coherence::Coherence;
 use super::decoder::{Decoder, DecoderScratch, PackedGradients};
+use super::rest::{Offsets, Rest, times_of};
 use super::settings::MotionSettings;
 use super::unit_box::UnitBox;
 use crate::buffers::sized;
@@ -22,6 +23,8 @@ const CHUNK: usize = 1024;
 /// Name of the steps that are done in checkpoints, and that of the features.
 const DONE: &str = "motion.done";
 const FEATURES: &str = "motion.features";
+/// That of how often it was looked for what rests; nothing is written where nothing may.
+const LOOKS: &str = "motion.looks";
 /// Stream of random numbers.
 const STREAM: u64 = 0x6d6f_7469_6f6e;
 
@@ -40,6 +43,7 @@ pub(crate) struct DeformationField {
     done: u64,
     /// What the last photo said, for the next step.
     held: Vec<Held>,
+    rest: Rest,
 }
 
 /// What a chunk of Gaussians brings to the gradient.
@@ -98,7 +102,8 @@ impl DeformationField {
         let masks = if settings.motion_masks { MASK_ROWS } else { 0 };
         let decoder = Decoder::new(features.rows(), motion_width, motion_layers, &fields, degree, masks, rng)?;
         let simd = Simd::best();
-        Ok(Self { settings, horizon, cloud, cube, features, decoder, simd, done: 0, held: Vec::new() })
+        let rest = Rest { share: settings.motion_rest, looks: 0 };
+        Ok(Self { settings, horizon, cloud, cube, features, decoder, simd, done: 0, held: Vec::new(), rest })
     }
 
     #[cfg(test)]
@@ -138,16 +143,46 @@ impl DeformationField {
         (self.settings.motion_from * self.horizon as f64) as u64
     }
 
+    /// The share of the steps that something moves in which step `step` is at.
+    fn share(&self, step: u64) -> f64 {
+        let begin = self.begin();
+        (step.saturating_sub(begin) as f64 / self.horizon.saturating_sub(begin).max(1) as f64).min(1.0)
+    }
+
     fn moves(&self, cloud: usize) -> bool {
         cloud == self.cloud && self.done >= self.begin()
     }
 
+    /// The row of a cloud that says which of its Gaussians rest: 1, others 0; nothing where none may.
+    fn at_rest<'a>(&self, cloud: &'a CloudParameters) -> &'a [f32] {
+        let first = self.decoder.extra().len() * cloud.len();
+        if self.rest.share > 0.0 { cloud.extra.get(first..first + cloud.len()).unwrap_or_default() } else { &[] }
+    }
+
+    /// The Gaussians that are asked where they are.
+    fn asked(&self, cloud: &CloudParameters) -> Vec<u32> {
+        let at_rest = self.at_rest(cloud);
+        let rests = |i: &u32| at_rest.get(*i as usize).is_some_and(|rests| *rests > 0.0);
+        (0..cloud.len() as u32).filter(|i| !rests(i)).collect()
+    }
+
+    /// How the offsets of Gaussians `rows` differ over the film.
+    fn over_time(&self, cloud: &Gaussians, rows: &[u32], times: &[f32], scratch: &mut Scratch) -> Offsets {
+        let mut all = Offsets::new(self.decoder.rows(), rows.len());
+        let mut chunk = self.chunk(cloud, rows, 0.0);
+        for time in times {
+            chunk.times.fill(*time);
+            all.see(&self.offsets(&chunk, scratch));
+        }
+        all
+    }
+
     /// Gaussians `rows` of a cloud at a time.
-    fn chunk(&self, cloud: &Gaussians, rows: impl ExactSizeIterator<Item = usize> + Clone, time: f64) -> Chunk {
+    fn chunk(&self, cloud: &Gaussians, rows: &[u32], time: f64) -> Chunk {
         let n = cloud.len();
         let along = |axis: usize| {
             let mean = &cloud.mean[axis * n..][..n];
-            rows.clone().map(move |i| self.cube.unit(axis, mean[i]))
+            rows.iter().map(move |&i| self.cube.unit(axis, mean[i as usize]))
         };
         let count = rows.len();
         let time = (2.0 * time - 1.0).clamp(-1.0, 1.0) as f32;
@@ -202,7 +237,7 @@ impl DeformationField {
     }
 
     /// The Gaussians whose parameters at the time have a gradient: what a photo does not show teaches nothing.
-    fn taught(&self, bar: &CloudParameters) -> Vec<u32> {
+    fn taught(&self, canonical: &CloudParameters, bar: &CloudParameters) -> Vec<u32> {
         let n = bar.len();
         let fields = bar.gaussians.fields();
         let moved: Vec<&[f32]> = self
@@ -211,7 +246,7 @@ impl DeformationField {
             .filter_map(|(field, _)| Some(fields.iter().find(|(name, _)| *name == field)?.1))
             .chain((!self.decoder.extra().is_empty()).then_some(&bar.extra[..]))
             .collect();
-        (0..n as u32)
+        self.asked(canonical)
             .into_par_iter()
             .filter(|&i| moved.iter().any(|rows| rows.chunks_exact(n).any(|row| row[i as usize] != 0.0)))
             .collect()
@@ -243,18 +278,18 @@ impl CloudMotion for DeformationField {
         if !self.moves(index) || n == 0 {
             return at;
         }
-        let chunks: Vec<Vec<f32>> = (0..n.div_ceil(CHUNK))
-            .into_par_iter()
-            .map_init(Scratch::default, |scratch, k| {
-                let rows = k * CHUNK..((k + 1) * CHUNK).min(n);
+        let asked = self.asked(canonical);
+        let chunks: Vec<Vec<f32>> = asked
+            .par_chunks(CHUNK)
+            .map_init(Scratch::default, |scratch, rows| {
                 self.offsets(&self.chunk(&canonical.gaussians, rows, time), scratch)
             })
             .collect();
         let add = |rows: Range<usize>, values: &mut [f32]| {
             for (row, values) in rows.zip(values.chunks_exact_mut(n)) {
-                for (chunk, values) in chunks.iter().zip(values.chunks_mut(CHUNK)) {
-                    let offsets = &chunk[row * values.len()..][..values.len()];
-                    values.iter_mut().zip(offsets).for_each(|(value, offset)| *value += offset);
+                for (chunk, asked) in chunks.iter().zip(asked.chunks(CHUNK)) {
+                    let offsets = &chunk[row * asked.len()..][..asked.len()];
+                    asked.iter().zip(offsets).for_each(|(&i, offset)| values[i as usize] += offset);
                 }
             }
         };
@@ -271,12 +306,12 @@ impl CloudMotion for DeformationField {
         if !self.moves(index) {
             return;
         }
-        let taught = self.taught(bar);
+        let taught = self.taught(canonical, bar);
         let held: Vec<Held> = taught
             .par_chunks(CHUNK)
             .map_init(Scratch::default, |scratch, rows| {
                 let cloud = &canonical.gaussians;
-                let chunk = self.chunk(cloud, rows.iter().map(|&i| i as usize), time);
+                let chunk = self.chunk(cloud, rows, time);
                 let mut offsets_bar = self.offsets_bar(bar, rows);
                 self.cohere(cloud, rows, &chunk, taught.len(), &mut offsets_bar, scratch);
                 self.backward(chunk, &offsets_bar, scratch)
@@ -293,17 +328,57 @@ impl CloudMotion for DeformationField {
         }
         self.held.extend(held);
     }
+
+    fn settle(&mut self, index: usize, canonical: &mut CloudParameters) {
+        if !self.moves(index) || !self.rest.is_due(self.share(self.done)) {
+            return;
+        }
+        self.rest.looks += 1;
+        let (asked, times) = (self.asked(canonical), times_of(self.features.view_times()));
+        if times.is_empty() || self.at_rest(canonical).is_empty() {
+            return;
+        }
+        let cloud = &canonical.gaussians;
+        let looks: Vec<Offsets> = asked
+            .par_chunks(CHUNK)
+            .map_init(Scratch::default, |scratch, rows| self.over_time(cloud, rows, &times, scratch))
+            .collect();
+        let fields: Vec<(Field, Range<usize>)> = self.decoder.fields().collect();
+        let all = asked
+            .chunks(CHUNK)
+            .zip(&looks)
+            .flat_map(|(rows, look)| rows.iter().enumerate().map(move |(k, &i)| (look, k, i as usize)));
+        let resting: Vec<(&Offsets, usize, usize)> =
+            all.filter(|(look, k, i)| look.rests(*k, cloud, *i, &fields, self.rest.share)).collect();
+        let n = canonical.len();
+        let keep = |rows: Range<usize>, values: &mut [f32]| {
+            for (row, values) in rows.zip(values.chunks_exact_mut(n)) {
+                resting.iter().for_each(|(look, k, i)| values[*i] += look.mean(row, *k));
+            }
+        };
+        let mut params = canonical.gaussians.fields_mut();
+        for (field, rows) in fields {
+            let Some((_, values)) = params.iter_mut().find(|(name, _)| *name == field) else { continue };
+            keep(rows, values);
+        }
+        keep(self.decoder.extra(), &mut canonical.extra);
+        let at_rest = &mut canonical.extra[self.decoder.extra().len() * n..][..n];
+        resting.iter().for_each(|(_, _, i)| at_rest[*i] = 1.0);
+    }
+
+    fn at_rest(&self, index: usize, canonical: &CloudParameters) -> usize {
+        if !self.moves(index) { 0 } else { canonical.len() - self.asked(canonical).len() }
+    }
 }
 
 impl Learns for DeformationField {
     fn step(&mut self, simd: Simd, step: u64) -> usize {
-        let (begin, held) = (self.begin(), std::mem::take(&mut self.held));
+        let held = std::mem::take(&mut self.held);
         self.done = step + 1;
         if held.is_empty() {
             return 0;
         }
-        let share = step.saturating_sub(begin) as f64 / self.horizon.saturating_sub(begin).max(1) as f64;
-        let [networks, features] = self.settings.rates(share.min(1.0));
+        let [networks, features] = self.settings.rates(self.share(step));
         let parts: Vec<Part<'_>> = held
             .iter()
             .map(|held| Part { places: Places { x: &held.x, times: &held.times }, raw_bar: &held.raw_bar })
@@ -317,6 +392,7 @@ impl Learns for DeformationField {
         let mut out = vec![u64_tensor(DONE, vec![self.done])];
         self.features.push_state(&Names::new(FEATURES, FEATURES), &mut out);
         out.extend(self.decoder.state());
+        out.extend((self.rest.share > 0.0).then(|| u64_tensor(LOOKS, vec![self.rest.looks])));
         out
     }
 
@@ -326,11 +402,12 @@ impl Learns for DeformationField {
 
     fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let done = take_counts(state, DONE, 1)?[0];
+        let looks = if self.rest.share > 0.0 { take_counts(state, LOOKS, 1)?[0] } else { 0 };
         let share = done as f64 / self.horizon.max(1) as f64;
         let names = Names::new(FEATURES, FEATURES);
         let features = self.features.restored(&names, state, Done { steps: done, share: share.min(1.0) })?;
         self.decoder.load(state)?;
-        (self.done, self.features) = (done, features);
+        (self.done, self.features, self.rest.looks) = (done, features, looks);
         self.held.clear();
         Ok(())
     }

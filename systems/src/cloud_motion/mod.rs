@@ -5,6 +5,7 @@
 //! | settings | `settings` |
 //! | where features are: a box of the frame of training | `unit_box` |
 //! | neighbours move alike | `coherence` |
+//! | what stands still is not asked | `rest` |
 //! | networks that turn features into offsets of parameters | `decoder` |
 //! | the motion of a cloud, forward and backward, and its optimisers | `deformation_field` |
 //!
@@ -14,6 +15,9 @@
 mod coherence;
 mod decoder;
 mod deformation_field;
+mod rest;
+#[cfg(test)]
+mod rest_tests;
 mod settings;
 #[cfg(test)]
 mod tests;

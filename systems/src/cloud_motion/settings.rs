@@ -40,6 +40,8 @@ pub(crate) struct MotionSettings {
     pub(crate) motion_coherence: f32,
     /// How near neighbours are, internal units.
     pub(crate) motion_reach: f32,
+    /// What differs over the film by less than this share of itself stands still, and is not asked where it is; 0: all are asked.
+    pub(crate) motion_rest: f32,
 }
 
 /// Networks wider or deeper than these are a mistake.
@@ -80,7 +82,13 @@ impl MotionSettings {
                 self.motion_reach,
                 "must be 0.0001 to 10",
             ),
+            unless((0.0..=10.0).contains(&self.motion_rest), "motion_rest", self.motion_rest, "must be 0 to 10"),
         ])
+    }
+
+    /// Rows of a cloud that say which of its Gaussians rest, after those of its masks.
+    pub(crate) fn rows_at_rest(&self) -> usize {
+        usize::from(self.motion_rest > 0.0)
     }
 
     /// Learning rates of networks and features at a share of the time that something moves, from 0 to 1: log-linear.

@@ -29,7 +29,7 @@ const ROWS: [usize; 6] = [3, 3, 4, 1, 3, 3 * rest_len(DEGREE)];
 /// Those of the masks, behind them.
 const MASKS: usize = 3;
 
-const SETTINGS: MotionSettings = MotionSettings {
+pub(super) const SETTINGS: MotionSettings = MotionSettings {
     motion_from: 0.0,
     motion_width: WIDTH,
     motion_layers: 1,
@@ -42,6 +42,7 @@ const SETTINGS: MotionSettings = MotionSettings {
     motion_feature_lr_end: 1e-3,
     motion_coherence: 0.0,
     motion_reach: 2.0,
+    motion_rest: 0.0,
 };
 
 fn planes() -> PlaneGridSource {
@@ -57,7 +58,7 @@ fn planes() -> PlaneGridSource {
     PlaneGridSource::new(settings, [-1.0, 0.0, 1.0].into())
 }
 
-fn field(settings: MotionSettings) -> DeformationField {
+pub(super) fn field(settings: MotionSettings) -> DeformationField {
     let bounds = Bounds { min: DVec3::new(-1.0, -1.5, -2.0), max: DVec3::new(1.0, 1.5, 2.0) };
     let cube = UnitBox::new(&bounds, &CloudFrame { centre: [0.0; 3], scale: 1.0 });
     let features = planes().features(Rng::new(4, 0)).unwrap();
@@ -65,7 +66,7 @@ fn field(settings: MotionSettings) -> DeformationField {
 }
 
 /// The same with networks and planes of noise: everything moves.
-fn busy(settings: MotionSettings) -> DeformationField {
+pub(super) fn busy(settings: MotionSettings) -> DeformationField {
     let mut field = field(settings);
     let noise = |n: usize, stream: u64| -> Vec<f32> {
         let mut out = vec![0.0; n];
@@ -80,7 +81,7 @@ fn busy(settings: MotionSettings) -> DeformationField {
 }
 
 /// Gaussians in the box.
-fn cloud() -> CloudParameters {
+pub(super) fn cloud() -> CloudParameters {
     let mut cloud = Gaussians::new(N, DEGREE).unwrap();
     for (k, (_, values)) in (0..).zip(cloud.fields_mut()) {
         Rng::new(2, k).fill_uniform(0, values);
@@ -97,7 +98,7 @@ fn all(cloud: &CloudParameters) -> Vec<f64> {
     fields.iter().flat_map(|(_, values)| wide(values)).chain(wide(&cloud.extra)).collect()
 }
 
-fn map(tensors: Vec<Tensor<'_>>) -> TensorMap {
+pub(super) fn map(tensors: Vec<Tensor<'_>>) -> TensorMap {
     tensors.into_iter().map(|t| (t.name.clone(), t.into_owned())).collect()
 }
 
@@ -340,6 +341,7 @@ fn what_cannot_work_is_refused_by_its_name() {
         ("motion_feature_lr_end", MotionSettings { motion_feature_lr_end: 0.0, ..SETTINGS }),
         ("motion_coherence", MotionSettings { motion_coherence: -1.0, ..SETTINGS }),
         ("motion_reach", MotionSettings { motion_reach: f32::NAN, ..SETTINGS }),
+        ("motion_rest", MotionSettings { motion_rest: f32::NAN, ..SETTINGS }),
     ] {
         let error = settings.check().unwrap_err().to_string();
         assert!(error.contains(name), "{name}: {error}");

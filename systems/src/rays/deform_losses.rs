@@ -66,15 +66,15 @@ pub(super) fn learn(
 ) -> f64 {
     let per_pixel = ctx.per_pixel as f64;
     let mut loss = 0.0;
-    let elastic = deform.config();
-    if elastic.elastic > 0.0 {
+    let elastic = deform.elastic_factor();
+    if elastic > 0.0 {
         weighed.judge(|w| {
-            if elastic.elastic_at == ElasticAt::Middle {
+            if deform.config().elastic_at == ElasticAt::Middle {
                 middle_alone(w, |_| 1.0);
             }
         });
-        let factor = f64::from(ctx.share * elastic.elastic) / per_pixel;
-        loss += f64::from(elastic.elastic) * deform.elastic(points, weighed.judged, factor, grad, scratch);
+        let factor = f64::from(ctx.share * elastic) / per_pixel;
+        loss += f64::from(elastic) * deform.elastic(points, weighed.judged, factor, grad, scratch);
     }
     let coherence = deform.coherence_factor();
     if coherence > 0.0 {

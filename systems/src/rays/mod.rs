@@ -5,7 +5,7 @@
 //! | what is learnt about places, and the networks behind it | [`crate::fields`] |
 //! | where samples lie along a ray | [`crate::samplers`] |
 //! | what whole rays cost | [`crate::terms`] |
-//! | what moves | the room `warps`; where a part of the field is for that alone: `movers`, `residuals`, `mover_masks`; how it goes on in the frames beside: `scene_flow` |
+//! | what moves | the room `warps`; where a part of the field is for that alone: `movers`, `residuals`, `photo_tiles`, `mover_masks`; how it goes on in the frames beside: `scene_flow` |
 //! | appearance of photos, and what hides the scene in them | [`crate::photo_model`] |
 //!
 //! A step:
@@ -46,6 +46,7 @@ mod moving_config;
 mod moving_places;
 #[cfg(test)]
 mod moving_tests;
+mod photo_tiles;
 mod point_flow;
 mod points;
 mod prepass;

@@ -5,7 +5,8 @@
 //! nothing that could hide it.
 
 use super::driver::RaySystem;
-use super::residuals::{PhotoTile, ToldBy, side_of_tile};
+use super::photo_tiles::side_of_tile;
+use super::residuals::{PhotoTile, ToldBy};
 use crate::fields::MovingCells;
 use engine::data::Dataset;
 use engine::render::plain_query;

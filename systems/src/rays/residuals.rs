@@ -4,18 +4,14 @@
 //! photo than in the field: its tile is brighter or darker as a whole. Other exposures, contrasts and tints are errors of a whole photo, so a
 //! line through the errors of its tiles is subtracted from them. Noise errs in single tiles, what moves in neighbours or by more.
 
+use super::photo_tiles::{Tiles, ViewTiles};
 use engine::data::{Batch, Dataset};
 use engine::system::{SystemError, Tensor, TensorMap, f32_tensor, take_counts, take_numbers, u64_tensor};
 use losses::irls::Irls;
 use losses::kernel::Kernel;
-use render_core::camera::Camera;
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
-/// Tiles along the longest side of a photo.
-const TILES: u32 = 32;
-/// Side of a tile at least, pixels.
-const SMALLEST: u32 = 4;
-/// Pixels of a tile at least, so that its mean says something.
+/// Pixels of a tile at least, so that its mean says something. Where tiles have fewer on average blocks of them are judged.
 const FEW: f32 = 4.0;
 /// Mean error of a tile that moves: of a colour in `[0, 1]`, in units of what half of all tiles exceed, and in units of its
 /// standard error. Dark photos differ by little where something moves, and a field that is not sharp yet errs a little everywhere.
@@ -41,10 +37,7 @@ const LOOKS: &str = "residuals.looks";
 /// Signed errors over tiles of all views.
 #[derive(Clone, Debug)]
 pub(super) struct Residuals {
-    /// Of each view: its first tile, tiles in a row, side of a tile in pixels.
-    views: Vec<[u32; 3]>,
-    /// `[tiles][NUMBERS]`
-    tiles: Vec<f32>,
+    tiles: Tiles<NUMBERS>,
     /// How often it was looked what moves.
     looks: u32,
 }
@@ -74,10 +67,10 @@ pub(super) struct Compared {
     pub(super) truth: [f32; 3],
 }
 
-/// The error of a tile.
+/// The error of a tile, or of a block of them.
 struct TileError {
-    /// Its number in the photo, row by row.
-    at: usize,
+    /// Its column and row.
+    place: [u32; 2],
     /// Mean error of the colour that errs most, and its standard error.
     mean: f32,
     noise: f32,
@@ -88,29 +81,12 @@ impl TileError {
     fn exceeds(&self, times: f32, least: f32) -> bool {
         self.mean > times * least && self.mean > times * SIGMAS * self.noise
     }
-
-    /// Its column and row.
-    fn place(&self, columns: u32) -> [u32; 2] {
-        [self.at as u32 % columns, self.at as u32 / columns]
-    }
-}
-
-/// Side of a tile of a photo, pixels.
-pub(super) fn side_of_tile(camera: &Camera) -> u32 {
-    camera.width.max(camera.height).div_ceil(TILES).max(SMALLEST)
 }
 
 impl Residuals {
     /// Nothing is known yet.
     pub(super) fn new(data: &Dataset) -> Self {
-        let (mut views, mut first) = (Vec::with_capacity(data.len()), 0);
-        for view in data.views() {
-            let [width, height] = [view.camera.width, view.camera.height];
-            let side = side_of_tile(&view.camera);
-            views.push([first, width.div_ceil(side), side]);
-            first += width.div_ceil(side) * height.div_ceil(side);
-        }
-        Self { views, tiles: vec![0.0; first as usize * NUMBERS], looks: 0 }
+        Self { tiles: Tiles::new(data), looks: 0 }
     }
 
     /// How often it was looked what moves.
@@ -133,9 +109,7 @@ impl Residuals {
             }
             // A field that is lost shows any number; sums stay finite.
             let error = error.map(|e| e.clamp(-LARGEST, LARGEST));
-            let [first, columns, side] = self.views[batch.view[i] as usize];
-            let [x, y] = batch.pixel[i].map(|at| u32::from(at) / side);
-            let numbers = &mut self.tiles[(first + y * columns + x) as usize * NUMBERS..][..NUMBERS];
+            let numbers = self.tiles.of_pixel(batch.view[i] as usize, batch.pixel[i].map(u32::from));
             numbers[0] += 1.0;
             numbers[1] += w;
             numbers[2] += w * w;
@@ -145,57 +119,22 @@ impl Residuals {
         }
     }
 
-    /// The tiles of each view that enough pixels were seen of.
+    /// The tiles of each view that enough pixels were seen of, in them or in their block.
     pub(super) fn tiles(&self) -> Vec<Vec<PhotoTile>> {
-        let views: Vec<Vec<TileError>> = (0..self.views.len()).map(|view| self.errors(view)).collect();
-        let usual = middle_of(views.iter().flatten().map(|tile| tile.mean).collect());
-        views.iter().enumerate().map(|(view, tiles)| self.moving_of(view, tiles, usual)).collect()
-    }
-
-    /// The tiles of a view; half of the tiles of all views have errors below `usual`.
-    fn moving_of(&self, view: usize, tiles: &[TileError], usual: f32) -> Vec<PhotoTile> {
-        let [_, columns, side] = self.views[view];
-        // A blurred photo has larger errors all over.
-        let usual = usual.max(middle_of(tiles.iter().map(|tile| tile.mean).collect()));
-        let least = MOVES.max(TIMES_USUAL * usual);
-        let large: HashSet<[u32; 2]> =
-            tiles.iter().filter(|tile| tile.exceeds(1.0, least)).map(|tile| tile.place(columns)).collect();
-        let tile = |tile: &TileError| {
-            let [x, y] = tile.place(columns);
-            let beside = (y.saturating_sub(1)..=y + 1).flat_map(|y| (x.saturating_sub(1)..=x + 1).map(move |x| [x, y]));
-            let neighbours = beside.filter(|place| *place != [x, y] && large.contains(place)).count();
-            let moves = large.contains(&[x, y]) && (neighbours >= NEIGHBOURS || tile.exceeds(LARGE, least));
-            PhotoTile { middle: [x, y].map(|at| at * side + side / 2), moves }
-        };
-        tiles.iter().map(tile).collect()
-    }
-
-    /// The errors of the tiles of a view that enough pixels were seen of, less those of the whole photo.
-    fn errors(&self, view: usize) -> Vec<TileError> {
-        let first = self.views[view][0];
-        let last = self.views.get(view + 1).map_or(self.tiles.len() / NUMBERS, |next| next[0] as usize);
-        let all = self.tiles[first as usize * NUMBERS..last * NUMBERS].chunks_exact(NUMBERS);
-        let known = || all.clone().enumerate().filter(|(_, numbers)| numbers[0] >= FEW);
-        let at = |numbers: &[f32], c: usize| [numbers[7 + c], numbers[3 + c]].map(|sum| sum / numbers[1]);
-        let of_photo = [0, 1, 2].map(|c| line_of(known().map(|(_, numbers)| at(numbers, c)).collect()));
-        known()
-            .map(|(k, numbers)| {
-                let sum = numbers[1];
-                let left = |c: usize| {
-                    let ([intercept, slope], [colour, error]) = (of_photo[c], at(numbers, c));
-                    (error - (intercept + slope * colour)).abs()
-                };
-                let largest = (0..3).map(left).fold(0.0, f32::max);
-                // As many pixels of equal weight: the square of the sum over the sum of squares.
-                let noise = (numbers[6] / sum * (numbers[2] / (sum * sum))).sqrt();
-                TileError { at: k, mean: largest, noise }
-            })
+        let side = self.tiles.side_of_block(FEW);
+        let blocks = self.tiles.in_blocks(side);
+        let errors: Vec<Vec<TileError>> = (0..blocks.views()).map(|view| errors(&blocks, view)).collect();
+        let usual = middle_of(errors.iter().flatten().map(|tile| tile.mean).collect());
+        errors
+            .iter()
+            .enumerate()
+            .map(|(view, errors)| tiles_of(self.tiles.view(view), side, &moving_of(errors, usual)))
             .collect()
     }
 
     /// Everything the next step depends on.
     pub(super) fn state(&self) -> [Tensor<'_>; 2] {
-        [f32_tensor(TENSOR, &self.tiles), u64_tensor(LOOKS, vec![u64::from(self.looks)])]
+        [f32_tensor(TENSOR, &self.tiles.sums), u64_tensor(LOOKS, vec![u64::from(self.looks)])]
     }
 
     /// Whether a checkpoint holds some.
@@ -210,8 +149,55 @@ impl Residuals {
     pub(super) fn restored(self, state: &TensorMap) -> Result<Self, SystemError> {
         // More looks than there are is no more than all.
         let looks = take_counts(state, LOOKS, 1)?[0].min(u64::from(u16::MAX)) as u32;
-        Ok(Self { tiles: take_numbers(state, TENSOR, self.tiles.len())?, looks, ..self })
+        let mut tiles = self.tiles;
+        tiles.sums = take_numbers(state, TENSOR, tiles.sums.len())?;
+        Ok(Self { tiles, looks })
     }
+}
+
+/// The errors of the tiles of a view that enough pixels were seen of, less those of the whole photo.
+fn errors(tiles: &Tiles<NUMBERS>, view: usize) -> Vec<TileError> {
+    let known = || tiles.view(view).places().zip(tiles.of_view(view)).filter(|(_, numbers)| numbers[0] >= FEW);
+    let at = |numbers: &[f32], c: usize| [numbers[7 + c], numbers[3 + c]].map(|sum| sum / numbers[1]);
+    let of_photo = [0, 1, 2].map(|c| line_of(known().map(|(_, numbers)| at(numbers, c)).collect()));
+    known()
+        .map(|(place, numbers)| {
+            let sum = numbers[1];
+            let left = |c: usize| {
+                let ([intercept, slope], [colour, error]) = (of_photo[c], at(numbers, c));
+                (error - (intercept + slope * colour)).abs()
+            };
+            let largest = (0..3).map(left).fold(0.0, f32::max);
+            // As many pixels of equal weight: the square of the sum over the sum of squares.
+            let noise = (numbers[6] / sum * (numbers[2] / (sum * sum))).sqrt();
+            TileError { place, mean: largest, noise }
+        })
+        .collect()
+}
+
+/// Whether each of these tiles of a view moves, by column and row; half of the tiles of all views have errors below `usual`.
+fn moving_of(tiles: &[TileError], usual: f32) -> HashMap<[u32; 2], bool> {
+    // A blurred photo has larger errors all over.
+    let usual = usual.max(middle_of(tiles.iter().map(|tile| tile.mean).collect()));
+    let least = MOVES.max(TIMES_USUAL * usual);
+    let large: HashSet<[u32; 2]> =
+        tiles.iter().filter(|tile| tile.exceeds(1.0, least)).map(|tile| tile.place).collect();
+    let moves = |tile: &TileError| {
+        let [x, y] = tile.place;
+        let beside = (y.saturating_sub(1)..=y + 1).flat_map(|y| (x.saturating_sub(1)..=x + 1).map(move |x| [x, y]));
+        let neighbours = beside.filter(|place| *place != [x, y] && large.contains(place)).count();
+        large.contains(&[x, y]) && (neighbours >= NEIGHBOURS || tile.exceeds(LARGE, least))
+    };
+    tiles.iter().map(|tile| (tile.place, moves(tile))).collect()
+}
+
+/// The tiles of a view that something is known of, by what is known of their blocks, of so many along a side.
+fn tiles_of(tiles: ViewTiles, side: u32, blocks: &HashMap<[u32; 2], bool>) -> Vec<PhotoTile> {
+    let of_tile = |place: [u32; 2]| {
+        let moves = *blocks.get(&place.map(|at| at / side))?;
+        Some(PhotoTile { middle: place.map(|at| at * tiles.side + tiles.side / 2), moves })
+    };
+    tiles.places().filter_map(of_tile).collect()
 }
 
 /// The middle one of these; 0 where there are none.
@@ -281,6 +267,30 @@ mod tests {
             }
         }
         assert!(mistaken < 4, "{mistaken} of 1264 tiles at rest");
+    }
+
+    #[test]
+    fn tiles_of_which_two_pixels_were_seen_are_judged_in_blocks() {
+        let data = filmed(32);
+        let mut residuals = Residuals::new(&data);
+        // Of each tile two pixels; in a photo something errs in a quarter.
+        for (view, tile) in (0..data.len()).flat_map(|view| (0..128).map(move |tile| (view, tile))) {
+            let at = [tile % 8 * 4 + 1, tile / 8 % 8 * 4 + 2];
+            let error = if view == 5 && at[0] < 16 && at[1] < 16 { 0.2 } else { 0.0 };
+            let noise = Rng::new(4, view as u64).uniform_at(u64::from(tile)) - 0.5;
+            let mut batch = Batch::default();
+            batch.view.push(view as u32);
+            batch.pixel.push(at.map(|at| at as u16));
+            batch.weight.push(1.0);
+            let compared = Compared { shown: [colour(at) + error + 0.02 * noise; 3], truth: [colour(at); 3] };
+            residuals.learn(0, &batch, [compared].into_iter());
+        }
+        for (view, tiles) in residuals.tiles().into_iter().enumerate() {
+            assert_eq!(tiles.len(), 64, "each has the verdict of its block");
+            for tile in tiles {
+                assert_eq!(tile.moves, view == 5 && tile.middle.iter().all(|at| *at < 16), "view {view}: {tile:?}");
+            }
+        }
     }
 
     #[test]

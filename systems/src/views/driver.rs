@@ -349,7 +349,14 @@ impl Views {
         }
         skipped.count(all, seen, &outcome.drawn);
         bad += appearance.as_deref_mut().map_or(0, |part| part.step(self.simd, position));
-        bad += motion.as_deref_mut().map_or(0, |part| part.step(self.simd, position));
+        if let Some(motion) = motion {
+            bad += motion.step(self.simd, position);
+            for (index, cloud) in clouds.iter_mut().enumerate() {
+                let [resting, of] = [motion.at_rest(index, &cloud.parameters), cloud.parameters.len()];
+                skipped.resting = [skipped.resting[0] + resting as u64, skipped.resting[1] + of as u64];
+                motion.settle(index, &mut cloud.parameters);
+            }
+        }
         self.note(&skipped);
         self.guard.record(bad)?;
         self.seconds[PARTS.len()] += clock.elapsed().as_secs_f64();

@@ -127,6 +127,14 @@ pub(crate) trait CloudMotion: Learns {
     /// Backward twin of [`cloud_at`](Self::cloud_at). `bar` is the gradient with respect to the cloud at `time`, and becomes that with
     /// respect to the canonical one. The gradient with respect to its own parameters is held for the next step.
     fn pull_back(&mut self, time: f64, index: usize, canonical: &CloudParameters, bar: &mut CloudParameters);
+
+    /// After a step: see which Gaussians of a cloud stand still from now on, when it is time for that.
+    fn settle(&mut self, _index: usize, _canonical: &mut CloudParameters) {}
+
+    /// How many Gaussians of a cloud stand still and are not asked where they are.
+    fn at_rest(&self, _index: usize, _canonical: &CloudParameters) -> usize {
+        0
+    }
 }
 
 /// What a photo and its render are, pixel by pixel: planes `[3][rows][columns]`.

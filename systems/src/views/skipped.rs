@@ -14,6 +14,8 @@ pub(crate) struct Skipped {
     pub(crate) empty: [u64; 2],
     /// Photos that masks leave nothing of, of all that were shown.
     pub(crate) blank: [u64; 2],
+    /// Gaussians that stand still and are not asked where they are, of those that may move, in steps.
+    pub(crate) resting: [u64; 2],
 }
 
 impl Skipped {
@@ -23,7 +25,7 @@ impl Skipped {
             culled: [(gaussians - visible) as u64, gaussians as u64],
             hidden: [drawn.hidden, drawn.pairs],
             empty: [drawn.empty_tiles, drawn.tiles],
-            blank: [0; 2],
+            ..Self::default()
         });
     }
 
@@ -33,6 +35,7 @@ impl Skipped {
             (&mut self.hidden, more.hidden),
             (&mut self.empty, more.empty),
             (&mut self.blank, more.blank),
+            (&mut self.resting, more.resting),
         ] {
             *sum = [sum[0] + more[0], sum[1] + more[1]];
         }
@@ -43,7 +46,7 @@ impl Skipped {
         let row = |what, skipped_of: [u64; 2], unit, bound: String| {
             SkipRow::counted(what, skipped_of[0], skipped_of[1], unit, bound)
         };
-        vec![
+        let mut rows = vec![
             row("Gaussians that no pixel sees", self.culled, "Gaussians", "0".into()),
             row(
                 "Gaussians behind finished tiles",
@@ -53,6 +56,11 @@ impl Skipped {
             ),
             row("tiles with nothing over them", self.empty, "tiles", "0".into()),
             row("photos that masks leave nothing of", self.blank, "photos", "0".into()),
-        ]
+        ];
+        if self.resting[1] > 0 {
+            let bound = "what it moved when it was found to rest: below `motion_rest` of its size".into();
+            rows.push(row("Gaussians that stand still, not asked where they are", self.resting, "Gaussians", bound));
+        }
+        rows
     }
 }

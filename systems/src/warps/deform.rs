@@ -147,6 +147,12 @@ impl Deform {
         &self.elastic
     }
 
+    /// Factor of its elastic loss at what is done of the schedule.
+    pub(crate) fn elastic_factor(&self) -> f32 {
+        let ElasticSettings { elastic, elastic_rise: length, .. } = self.elastic;
+        elastic * Window::Over { from: self.began, length }.open(self.done) as f32
+    }
+
     /// Factor of its coherence loss; 0 where no point is moved.
     pub(crate) fn coherence_factor(&self) -> f32 {
         if self.warps() { self.coherence.coherence } else { 0.0 }

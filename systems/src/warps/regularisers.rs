@@ -22,6 +22,8 @@ pub(crate) enum ElasticAt {
 pub(crate) struct ElasticSettings {
     /// Factor of the loss; 0: none.
     pub(crate) elastic: f32,
+    /// Share of the schedule over which the factor rises from 0; 0: it is there from the start.
+    pub(crate) elastic_rise: f64,
     /// Size of a logarithmic stretch from which on it hardly costs more.
     pub(crate) elastic_scale: f32,
     /// Samples it depends on: `middle` (one a ray) or `all` that carry weight.
@@ -30,12 +32,14 @@ pub(crate) struct ElasticSettings {
 
 impl ElasticSettings {
     /// No elastic loss.
-    pub(crate) const NONE: Self = Self { elastic: 0.0, elastic_scale: 0.03, elastic_at: ElasticAt::Middle };
+    pub(crate) const NONE: Self =
+        Self { elastic: 0.0, elastic_rise: 0.0, elastic_scale: 0.03, elastic_at: ElasticAt::Middle };
 
     /// # Errors
     /// [`SystemError::Config`] naming the setting.
     pub(crate) fn check(&self) -> Result<(), SystemError> {
         in_range("elastic", self.elastic, 0.0..=1e3)?;
+        in_range("elastic_rise", self.elastic_rise, 0.0..=1.0)?;
         in_range("elastic_scale", self.elastic_scale, 1e-6..=1e3)
     }
 }

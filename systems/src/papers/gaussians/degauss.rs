@@ -105,6 +105,8 @@ fn motion(times: Arc<[f32]>, of: PhotoTimes) -> MotionParts {
                 motion_lr_end: 5e-4,
                 motion_feature_lr: 0.05,
                 motion_feature_lr_end: 0.01,
+                // Each photo has a time of its own: what comes in one of them is at rest in all others.
+                motion_rest: 0.0,
                 ..moving
             };
             let vertices = count_of_times(&times).min(MOST_VERTICES);

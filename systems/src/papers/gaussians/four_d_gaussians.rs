@@ -32,7 +32,7 @@ pub(crate) const CLAIM: Claim = Claim {
     take: "the default for things that move and are cut out",
     differs: "The cloud is that of `splat` here: splits along the longest axis, opacities fade, pictures are antialiased, schedules \
               fit the run. Planes have 16 features instead of 32, a sixth as many vertices of time as photos have times, and lie in the box \
-              that cameras see; those of space are not smoothed. Networks and planes learn ten times as fast, in the end a hundred; offsets begin at 0.",
+              that cameras see; those of space are not smoothed. Networks and planes learn ten times as fast, in the end a hundred; offsets begin at 0, what hardly moves is held still.",
     mark: "axis splits, 16 features, own rates",
 };
 
@@ -54,6 +54,7 @@ pub(super) const MOTION: MotionSettings = MotionSettings {
     motion_feature_lr_end: 1.6e-3,
     motion_coherence: 0.0,
     motion_reach: 0.02,
+    motion_rest: 0.3,
 };
 
 /// The planes of D-NeRF's scenes, with half of the features.

@@ -147,7 +147,9 @@ impl AskedLayers {
             places.start(&cloud, layout, &asked.frame, data, Seeing::ManyTimes, seed)?
         };
         start.cloud.logit.fill(logit(self.front.front_opacity));
-        let front = TrainedCloud::new(self.training(behind, cloud), 1, &start.cloud).map_err(refused)?;
+        let mut training = self.training(behind, cloud);
+        training.extra.rows += asked.rows_at_rest();
+        let front = TrainedCloud::new(training, 1, &start.cloud).map_err(refused)?;
         let shown = if times == PhotoTimes::Own && !at_camera { Front::Shown } else { Front::Hidden };
         let part = Box::new(TwoLayers::new(self.settings, behind.rates.horizon));
         Ok((front, ViewLayers { part, front: shown }))

@@ -304,11 +304,16 @@ impl Planned {
         let refill = if self.recipe.motion.is_some() { 0.0 } else { self.start.refill() };
         let split = SplitConfig { refill, ..self.recipe.density.split };
         let density = PlannedDensity { schedule: self.density, split, ..self.recipe.density };
+        let motion = self.recipe.motion.map(|motion| motion(self.times.clone(), self.photo_times));
+        let motion = motion.map(|motion| AskedMotion::new(motion, settings)).transpose()?;
+        // Of two clouds the one in front moves.
+        let moves = motion.as_ref().filter(|_| self.recipe.layers.is_none());
+        let rows = moves.map_or(0, |motion| motion.settings.rows_at_rest());
         let training = CloudTraining {
             cloud,
             rates: settings.of(&self.rates)?,
             density: DensityRules::asked(&density, settings)?,
-            extra: ExtraRows::default(),
+            extra: ExtraRows { rows, ..ExtraRows::default() },
             pruning: UsePruning::default(),
         };
         training.rates.check()?;
@@ -318,8 +323,6 @@ impl Planned {
         let loss = self.recipe.loss.as_ref().map(|loss| settings.of(loss)).transpose()?;
         pictures.check()?;
         loss.as_ref().map_or(Ok(()), L1DssimConfig::check)?;
-        let motion = self.recipe.motion.map(|motion| motion(self.times.clone(), self.photo_times));
-        let motion = motion.map(|motion| AskedMotion::new(motion, settings)).transpose()?;
         let horizon = self.rates.horizon;
         let layers = self
             .recipe
@@ -343,6 +346,11 @@ pub(super) struct AskedParts {
 }
 
 impl AskedParts {
+    /// Rows that say which Gaussians of what moves rest.
+    pub(super) fn rows_at_rest(&self) -> usize {
+        self.motion.as_ref().map_or(0, |motion| motion.settings.rows_at_rest())
+    }
+
     /// What the schedule takes of its time.
     fn time(&self, pace: &CloudPace) -> PlannedTime {
         let (rates, density) = (&self.training.rates, &self.training.density.schedule);

@@ -44,7 +44,7 @@ const ACCEPTED: [(&str, &str); 14] = [
     ),
     (
         "nerfies",
-        "elastic=0.0 elastic=1000.0 elastic=1000.0+elastic_at=all elastic_scale=1e-6 elastic_scale=1000.0
+        "elastic=0.0 elastic=1000.0 elastic=1000.0+elastic_at=all elastic_rise=0.0 elastic_rise=1.0+elastic=1000.0 elastic_scale=1e-6 elastic_scale=1000.0
         elastic=1000.0+elastic_scale=1e-6+elastic_at=all elastic=1e-38+elastic_at=all background_loss=0.0 background_loss=1000.0
         background_loss=1e-38 background_points=0 background_points=1 background_points=1048576 time_input=time time_input=network
         time_code_dims=1 time_code_dims=1024 time_code_lr=0.0 time_code_lr=100.0 warp_lr=0.0 warp_lr=100.0
@@ -82,7 +82,7 @@ const ACCEPTED: [(&str, &str); 14] = [
         "motion_from=0.0 motion_from=0.99 motion_width=1 motion_width=512 motion_layers=0 motion_layers=8 motion_opacity=true
         motion_colour=true motion_opacity=true+motion_colour=true+sh_degree=0 motion_lr=1e-300 motion_lr=10.0 motion_lr_end=10.0
         motion_feature_lr=10.0 motion_feature_lr_end=1e-300 motion_coherence=1000.0 motion_coherence=1.0+motion_reach=1e-4
-        motion_coherence=1.0+motion_reach=10.0 plane_vertices=2 plane_scales=[1] plane_scales=[16] plane_features=1
+        motion_rest=0.0 motion_rest=1e-30 motion_rest=10.0 motion_coherence=1.0+motion_reach=10.0 plane_vertices=2 plane_scales=[1] plane_scales=[16] plane_features=1
         plane_features=64 plane_times=0 plane_times=2 plane_times=1024 plane_variation=100.0 plane_smoothness=100.0 plane_transients=100.0
         dssim=1.0 start=random start=points density=adc density=mcmc max_splats=1",
     ),
