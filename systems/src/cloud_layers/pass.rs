@@ -221,7 +221,8 @@ impl PicturePass for LayeredPass {
         let behind = [DrawnCloud { index: 0, ..behind }];
         let mut drawn = self.behind.draw(&behind, camera, None)?;
         self.masks.clear();
-        let rows = front.extra.chunks_exact(front.gaussians.len().max(1)).enumerate();
+        // Rows after the masks are no business of pictures.
+        let rows = front.extra.chunks_exact(front.gaussians.len().max(1)).take(MASK_ROWS).enumerate();
         let layers = self.layers;
         self.masks.extend(rows.flat_map(|(row, extra)| extra.iter().map(move |&extra| layers.mask(row, extra))));
         // Its buffers stay with the pass.

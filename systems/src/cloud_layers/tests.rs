@@ -349,6 +349,16 @@ fn what_goes_with_the_camera_is_the_same_from_everywhere_and_what_is_transparent
 }
 
 #[test]
+fn rows_after_the_masks_are_not_shown_and_learn_nothing() {
+    let of = |rows: usize| step(SETTINGS, &[cloud(40, 3.0, 1, 0), cloud(12, 2.0, 2, rows)], 80);
+    let (masks, more) = (of(MASK_ROWS), of(MASK_ROWS + 1));
+    let [with, without] = [&more.gradients[1], &masks.gradients[1]];
+    assert_eq!((more.loss, &with.gaussians), (masks.loss, &without.gaussians));
+    assert_eq!(with.extra[..12 * MASK_ROWS], without.extra);
+    assert!(with.extra[12 * MASK_ROWS..].iter().all(|bar| *bar == 0.0));
+}
+
+#[test]
 fn clouds_of_nothing_cost_what_the_background_costs() {
     let nothing = || CloudParameters::new(Gaussians::new(0, 1).unwrap(), 0);
     let empty_front = CloudParameters::new(Gaussians::new(0, 1).unwrap(), MASK_ROWS);
