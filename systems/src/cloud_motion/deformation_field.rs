@@ -330,7 +330,8 @@ impl CloudMotion for DeformationField {
     }
 
     fn settle(&mut self, index: usize, canonical: &mut CloudParameters) {
-        if !self.moves(index) || !self.rest.is_due(self.share(self.done)) {
+        let steps = self.done.saturating_sub(self.begin());
+        if !self.moves(index) || !self.rest.is_due(self.share(self.done), steps) {
             return;
         }
         self.rest.looks += 1;

@@ -10,6 +10,8 @@ use std::ops::Range;
 
 /// When it is looked for what rests: after these shares of the time that something moves.
 const LOOKS: [f64; 4] = [0.2, 0.35, 0.5, 0.7];
+/// And after so many steps of that at least: networks begin at 0, and what has not begun to move rests for no other reason.
+const FIRST: u64 = 100;
 /// Times that are looked at, at most: those of photos, evenly.
 const TIMES: usize = 24;
 
@@ -22,9 +24,9 @@ pub(super) struct Rest {
 }
 
 impl Rest {
-    /// Whether it is time to look, at a share of the time that something moves.
-    pub(super) fn is_due(&self, done: f64) -> bool {
-        self.share > 0.0 && LOOKS.get(self.looks as usize).is_some_and(|look| done >= *look)
+    /// Whether it is time to look, at a share of the time that something moves, after so many steps of it.
+    pub(super) fn is_due(&self, done: f64, steps: u64) -> bool {
+        self.share > 0.0 && steps >= FIRST && LOOKS.get(self.looks as usize).is_some_and(|look| done >= *look)
     }
 }
 
@@ -152,7 +154,8 @@ mod tests {
 
     #[test]
     fn it_is_looked_four_times_and_never_where_nothing_may_rest() {
-        let due = |share: f32, looks: u64, done: f64| Rest { share, looks }.is_due(done);
+        let due = |share: f32, looks: u64, done: f64| Rest { share, looks }.is_due(done, FIRST);
+        assert!(!Rest { share: 0.1, looks: 0 }.is_due(1.0, FIRST - 1), "networks have hardly begun");
         assert!(!due(0.1, 0, 0.19) && due(0.1, 0, 0.2) && !due(0.1, 1, 0.2) && due(0.1, 3, 1.0) && !due(0.1, 4, 1.0));
         assert!(!due(0.0, 0, 1.0));
     }

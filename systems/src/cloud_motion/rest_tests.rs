@@ -2,10 +2,12 @@
 
 use super::MotionSettings;
 use super::deformation_field::DeformationField;
-use super::tests::{SETTINGS, busy, cloud, field, map};
+use super::tests::{SETTINGS, busy_in, cloud, field_in, map};
 use crate::views::{CloudMotion, CloudParameters, Learns};
 use float_core::Simd;
 
+/// Steps of the schedule, of which a fifth are done before it is looked what rests.
+const HORIZON: u64 = 500;
 /// The times of the photos, 0 to 1.
 const PHOTOS: [f64; 3] = [0.0, 0.5, 1.0];
 
@@ -17,9 +19,9 @@ fn with_row() -> CloudParameters {
     cloud
 }
 
-/// Networks and planes of noise, or of nothing, when so many of a hundred steps are done.
-fn after(made: fn(MotionSettings) -> DeformationField, motion_rest: f32, steps: u64) -> DeformationField {
-    let mut field = made(MotionSettings { motion_rest, ..SETTINGS });
+/// Networks and planes of noise, or of nothing, when so many steps are done.
+fn after(made: fn(MotionSettings, u64) -> DeformationField, motion_rest: f32, steps: u64) -> DeformationField {
+    let mut field = made(MotionSettings { motion_rest, ..SETTINGS }, HORIZON);
     field.step(Simd::best(), steps - 1);
     field
 }
@@ -33,7 +35,7 @@ fn numbers(cloud: &CloudParameters) -> Vec<f32> {
 
 #[test]
 fn what_rests_is_where_it_was_on_average_and_teaches_nothing() {
-    let mut field = after(busy, 10.0, 20);
+    let mut field = after(busy_in, 10.0, 100);
     let before = with_row();
     let mut cloud = before.clone();
     // Everything differs by less than ten times itself, but for one small Gaussian.
@@ -70,7 +72,7 @@ fn what_rests_is_where_it_was_on_average_and_teaches_nothing() {
 
 #[test]
 fn all_of_a_cloud_that_moves_nowhere_rests_and_nothing_changes() {
-    let mut field = after(field, 0.1, 20);
+    let mut field = after(field_in, 0.1, 100);
     let mut cloud = with_row();
     let before = cloud.clone();
     field.settle(0, &mut cloud);
@@ -82,9 +84,9 @@ fn all_of_a_cloud_that_moves_nowhere_rests_and_nothing_changes() {
 #[test]
 fn nothing_rests_where_all_moves_before_it_is_time_in_another_cloud_or_where_none_may() {
     for (rest, steps, index, row) in
-        [(1e-6, 20, 0, true), (10.0, 19, 0, true), (10.0, 20, 1, true), (0.0, 20, 0, true), (10.0, 20, 0, false)]
+        [(1e-6, 100, 0, true), (10.0, 99, 0, true), (10.0, 100, 1, true), (0.0, 100, 0, true), (10.0, 100, 0, false)]
     {
-        let mut field = after(busy, rest, steps);
+        let mut field = after(busy_in, rest, steps);
         let mut cloud = if row { with_row() } else { cloud() };
         let before = cloud.clone();
         field.settle(index, &mut cloud);
@@ -93,26 +95,26 @@ fn nothing_rests_where_all_moves_before_it_is_time_in_another_cloud_or_where_non
     let empty = |row: bool| CloudParameters::new(splat_core::Gaussians::new(0, 1).unwrap(), 3 + usize::from(row));
     for row in [false, true] {
         let mut nothing = empty(row);
-        after(busy, 10.0, 20).settle(0, &mut nothing);
+        after(busy_in, 10.0, 100).settle(0, &mut nothing);
         assert_eq!(nothing, empty(row));
     }
 }
 
 #[test]
 fn a_checkpoint_knows_how_often_it_was_looked() {
-    let mut whole = after(busy, 1e-6, 20);
+    let mut whole = after(busy_in, 1e-6, 100);
     whole.settle(0, &mut with_row());
     let state = map(whole.state());
-    let mut resumed = field(MotionSettings { motion_rest: 10.0, ..SETTINGS });
+    let mut resumed = field_in(MotionSettings { motion_rest: 10.0, ..SETTINGS }, HORIZON);
     resumed.load(&state).unwrap();
     let mut cloud = with_row();
     resumed.settle(0, &mut cloud);
     assert_eq!(resumed.at_rest(0, &cloud), 0, "the second look is later");
-    resumed.step(Simd::best(), 34);
+    resumed.step(Simd::best(), 174);
     resumed.settle(0, &mut cloud);
     assert!(resumed.at_rest(0, &cloud) > 0);
     let mut without = state;
     without.remove("motion.looks");
     assert!(resumed.load(&without).unwrap_err().to_string().contains("motion.looks"));
-    assert!(!map(field(SETTINGS).state()).contains_key("motion.looks"));
+    assert!(!map(field_in(SETTINGS, HORIZON).state()).contains_key("motion.looks"));
 }

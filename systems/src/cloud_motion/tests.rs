@@ -58,16 +58,26 @@ fn planes() -> PlaneGridSource {
     PlaneGridSource::new(settings, [-1.0, 0.0, 1.0].into())
 }
 
-pub(super) fn field(settings: MotionSettings) -> DeformationField {
+fn field(settings: MotionSettings) -> DeformationField {
+    field_in(settings, 100)
+}
+
+/// A field whose schedule has so many steps.
+pub(super) fn field_in(settings: MotionSettings, horizon: u64) -> DeformationField {
     let bounds = Bounds { min: DVec3::new(-1.0, -1.5, -2.0), max: DVec3::new(1.0, 1.5, 2.0) };
     let cube = UnitBox::new(&bounds, &CloudFrame { centre: [0.0; 3], scale: 1.0 });
     let features = planes().features(Rng::new(4, 0)).unwrap();
-    DeformationField::new(settings, features, cube, 0, DEGREE, 100, 9).unwrap()
+    DeformationField::new(settings, features, cube, 0, DEGREE, horizon, 9).unwrap()
 }
 
 /// The same with networks and planes of noise: everything moves.
-pub(super) fn busy(settings: MotionSettings) -> DeformationField {
-    let mut field = field(settings);
+fn busy(settings: MotionSettings) -> DeformationField {
+    busy_in(settings, 100)
+}
+
+/// The same, of a schedule of so many steps.
+pub(super) fn busy_in(settings: MotionSettings, horizon: u64) -> DeformationField {
+    let mut field = field_in(settings, horizon);
     let noise = |n: usize, stream: u64| -> Vec<f32> {
         let mut out = vec![0.0; n];
         Rng::new(6, stream).fill_uniform(0, &mut out);

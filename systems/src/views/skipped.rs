@@ -14,7 +14,7 @@ pub(crate) struct Skipped {
     pub(crate) empty: [u64; 2],
     /// Photos that masks leave nothing of, of all that were shown.
     pub(crate) blank: [u64; 2],
-    /// Gaussians that stand still and are not asked where they are, of those that may move, in steps.
+    /// Gaussians that stand still and are not asked where they are, of all in scenes that move; in steps.
     pub(crate) resting: [u64; 2],
 }
 
