@@ -3,7 +3,7 @@
 
 use super::coherence::Coherence;
 use super::decoder::{Decoder, DecoderScratch, PackedGradients};
-use super::rest::{Offsets, Rest, times_of};
+use super::rest::{Offsets, is_due, times_of};
 use super::settings::MotionSettings;
 use super::unit_box::UnitBox;
 use crate::buffers::sized;
@@ -43,7 +43,8 @@ pub(crate) struct DeformationField {
     done: u64,
     /// What the last photo said, for the next step.
     held: Vec<Held>,
-    rest: Rest,
+    /// How often it was looked for what rests.
+    looks: u64,
 }
 
 /// What a chunk of Gaussians brings to the gradient.
@@ -102,8 +103,7 @@ impl DeformationField {
         let masks = if settings.motion_masks { MASK_ROWS } else { 0 };
         let decoder = Decoder::new(features.rows(), motion_width, motion_layers, &fields, degree, masks, rng)?;
         let simd = Simd::best();
-        let rest = Rest { share: settings.motion_rest, looks: 0 };
-        Ok(Self { settings, horizon, cloud, cube, features, decoder, simd, done: 0, held: Vec::new(), rest })
+        Ok(Self { settings, horizon, cloud, cube, features, decoder, simd, done: 0, held: Vec::new(), looks: 0 })
     }
 
     #[cfg(test)]
@@ -153,17 +153,45 @@ impl DeformationField {
         cloud == self.cloud && self.done >= self.begin()
     }
 
-    /// The row of a cloud that says which of its Gaussians rest: 1, others 0; nothing where none may.
-    fn at_rest<'a>(&self, cloud: &'a CloudParameters) -> &'a [f32] {
-        let first = self.decoder.extra().len() * cloud.len();
-        if self.rest.share > 0.0 { cloud.extra.get(first..first + cloud.len()).unwrap_or_default() } else { &[] }
+    /// Whether Gaussians may rest.
+    fn may_rest(&self) -> bool {
+        self.settings.rows_at_rest() > 0
+    }
+
+    /// Where the row of a cloud of `n` Gaussians lies that says which of them rest: 1, others 0.
+    fn rest_row(&self, n: usize) -> Range<usize> {
+        let first = self.decoder.extra().len() * n;
+        first..first + n
+    }
+
+    /// That row; nothing where none may rest.
+    fn resting<'a>(&self, cloud: &'a CloudParameters) -> &'a [f32] {
+        let row = if self.may_rest() { cloud.extra.get(self.rest_row(cloud.len())) } else { None };
+        row.unwrap_or_default()
     }
 
     /// The Gaussians that are asked where they are.
     fn asked(&self, cloud: &CloudParameters) -> Vec<u32> {
-        let at_rest = self.at_rest(cloud);
-        let rests = |i: &u32| at_rest.get(*i as usize).is_some_and(|rests| *rests > 0.0);
+        let resting = self.resting(cloud);
+        let rests = |i: &u32| resting.get(*i as usize).is_some_and(|rests| *rests > 0.0);
         (0..cloud.len() as u32).filter(|i| !rests(i)).collect()
+    }
+
+    /// Add offsets `[rows][which]` to Gaussians `which` of a cloud.
+    fn add(&self, cloud: &mut CloudParameters, which: &[u32], offsets: &[f32]) {
+        let n = cloud.len().max(1);
+        let add = |rows: Range<usize>, values: &mut [f32]| {
+            for (row, values) in rows.zip(values.chunks_exact_mut(n)) {
+                let offsets = &offsets[row * which.len()..][..which.len()];
+                which.iter().zip(offsets).for_each(|(&i, offset)| values[i as usize] += offset);
+            }
+        };
+        let mut fields = cloud.gaussians.fields_mut();
+        for (field, rows) in self.decoder.fields() {
+            let Some((_, values)) = fields.iter_mut().find(|(name, _)| *name == field) else { continue };
+            add(rows, values);
+        }
+        add(self.decoder.extra(), &mut cloud.extra);
     }
 
     /// How the offsets of Gaussians `rows` differ over the film.
@@ -274,8 +302,7 @@ impl DeformationField {
 impl CloudMotion for DeformationField {
     fn cloud_at(&self, time: f64, index: usize, canonical: &CloudParameters) -> CloudParameters {
         let mut at = canonical.clone();
-        let n = canonical.len();
-        if !self.moves(index) || n == 0 {
+        if !self.moves(index) {
             return at;
         }
         let asked = self.asked(canonical);
@@ -285,20 +312,7 @@ impl CloudMotion for DeformationField {
                 self.offsets(&self.chunk(&canonical.gaussians, rows, time), scratch)
             })
             .collect();
-        let add = |rows: Range<usize>, values: &mut [f32]| {
-            for (row, values) in rows.zip(values.chunks_exact_mut(n)) {
-                for (chunk, asked) in chunks.iter().zip(asked.chunks(CHUNK)) {
-                    let offsets = &chunk[row * asked.len()..][..asked.len()];
-                    asked.iter().zip(offsets).for_each(|(&i, offset)| values[i as usize] += offset);
-                }
-            }
-        };
-        let mut fields = at.gaussians.fields_mut();
-        for (field, rows) in self.decoder.fields() {
-            let Some((_, values)) = fields.iter_mut().find(|(name, _)| *name == field) else { continue };
-            add(rows, values);
-        }
-        add(self.decoder.extra(), &mut at.extra);
+        asked.chunks(CHUNK).zip(&chunks).for_each(|(rows, offsets)| self.add(&mut at, rows, offsets));
         at
     }
 
@@ -331,44 +345,36 @@ impl CloudMotion for DeformationField {
 
     fn settle(&mut self, index: usize, canonical: &mut CloudParameters) {
         let steps = self.done.saturating_sub(self.begin());
-        if !self.moves(index) || !self.rest.is_due(self.share(self.done), steps) {
+        if !self.may_rest() || !self.moves(index) || !is_due(self.looks, steps, self.share(self.done)) {
             return;
         }
-        self.rest.looks += 1;
-        let (asked, times) = (self.asked(canonical), times_of(self.features.view_times()));
-        if times.is_empty() || self.at_rest(canonical).is_empty() {
+        self.looks += 1;
+        let times = times_of(self.features.view_times());
+        if times.is_empty() || self.resting(canonical).is_empty() {
             return;
         }
-        let cloud = &canonical.gaussians;
-        let looks: Vec<Offsets> = asked
-            .par_chunks(CHUNK)
-            .map_init(Scratch::default, |scratch, rows| self.over_time(cloud, rows, &times, scratch))
-            .collect();
+        let asked = self.asked(canonical);
         let fields: Vec<(Field, Range<usize>)> = self.decoder.fields().collect();
-        let all = asked
-            .chunks(CHUNK)
-            .zip(&looks)
-            .flat_map(|(rows, look)| rows.iter().enumerate().map(move |(k, &i)| (look, k, i as usize)));
-        let resting: Vec<(&Offsets, usize, usize)> =
-            all.filter(|(look, k, i)| look.rests(*k, cloud, *i, &fields, self.rest.share)).collect();
-        let n = canonical.len();
-        let keep = |rows: Range<usize>, values: &mut [f32]| {
-            for (row, values) in rows.zip(values.chunks_exact_mut(n)) {
-                resting.iter().for_each(|(look, k, i)| values[*i] += look.mean(row, *k));
-            }
-        };
-        let mut params = canonical.gaussians.fields_mut();
-        for (field, rows) in fields {
-            let Some((_, values)) = params.iter_mut().find(|(name, _)| *name == field) else { continue };
-            keep(rows, values);
+        let found: Vec<(Vec<u32>, Vec<f32>)> = asked
+            .par_chunks(CHUNK)
+            .map_init(Scratch::default, |scratch, rows| {
+                let (cloud, share) = (&canonical.gaussians, self.settings.motion_rest);
+                let offsets = self.over_time(cloud, rows, &times, scratch);
+                let rests = |k: &usize| offsets.rests(*k, cloud, rows[*k] as usize, &fields, share);
+                let resting: Vec<usize> = (0..rows.len()).filter(rests).collect();
+                (resting.iter().map(|k| rows[*k]).collect(), offsets.means(&resting))
+            })
+            .collect();
+        let row = self.rest_row(canonical.len());
+        for (resting, means) in found {
+            self.add(canonical, &resting, &means);
+            resting.iter().for_each(|&i| canonical.extra[row.start + i as usize] = 1.0);
         }
-        keep(self.decoder.extra(), &mut canonical.extra);
-        let at_rest = &mut canonical.extra[self.decoder.extra().len() * n..][..n];
-        resting.iter().for_each(|(_, _, i)| at_rest[*i] = 1.0);
     }
 
     fn at_rest(&self, index: usize, canonical: &CloudParameters) -> usize {
-        if !self.moves(index) { 0 } else { canonical.len() - self.asked(canonical).len() }
+        let resting = if self.moves(index) { self.resting(canonical) } else { &[] };
+        resting.iter().filter(|rests| **rests > 0.0).count()
     }
 }
 
@@ -393,7 +399,7 @@ impl Learns for DeformationField {
         let mut out = vec![u64_tensor(DONE, vec![self.done])];
         self.features.push_state(&Names::new(FEATURES, FEATURES), &mut out);
         out.extend(self.decoder.state());
-        out.extend((self.rest.share > 0.0).then(|| u64_tensor(LOOKS, vec![self.rest.looks])));
+        out.extend(self.may_rest().then(|| u64_tensor(LOOKS, vec![self.looks])));
         out
     }
 
@@ -403,12 +409,12 @@ impl Learns for DeformationField {
 
     fn load(&mut self, state: &TensorMap) -> Result<(), SystemError> {
         let done = take_counts(state, DONE, 1)?[0];
-        let looks = if self.rest.share > 0.0 { take_counts(state, LOOKS, 1)?[0] } else { 0 };
+        let looks = if self.may_rest() { take_counts(state, LOOKS, 1)?[0] } else { 0 };
         let share = done as f64 / self.horizon.max(1) as f64;
         let names = Names::new(FEATURES, FEATURES);
         let features = self.features.restored(&names, state, Done { steps: done, share: share.min(1.0) })?;
         self.decoder.load(state)?;
-        (self.done, self.features, self.rest.looks) = (done, features, looks);
+        (self.done, self.features, self.looks) = (done, features, looks);
         self.held.clear();
         Ok(())
     }

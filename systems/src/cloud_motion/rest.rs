@@ -5,36 +5,25 @@
 //! its size, rotations by that share of their length, all other numbers (logarithms of sizes, opacities, colours, masks) by the share
 //! itself. It keeps the mean of its offsets, so its picture is off by what it moved at most.
 
+use crate::fields::different_times;
 use splat_core::{Field, Gaussians};
 use std::ops::Range;
 
 /// When it is looked for what rests: after these shares of the time that something moves.
 const LOOKS: [f64; 4] = [0.2, 0.35, 0.5, 0.7];
-/// And after so many steps of that at least: networks begin at 0, and what has not begun to move rests for no other reason.
+/// The first look is not before this step of motion: networks begin at 0, and where they have not learnt anything yet all seems to rest.
 const FIRST: u64 = 100;
 /// Times that are looked at, at most: those of photos, evenly.
 const TIMES: usize = 24;
 
-/// Looks that were made, and what rests.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Rest {
-    /// See the text above; 0: nothing rests.
-    pub(super) share: f32,
-    pub(super) looks: u64,
-}
-
-impl Rest {
-    /// Whether it is time to look, at a share of the time that something moves, after so many steps of it.
-    pub(super) fn is_due(&self, done: f64, steps: u64) -> bool {
-        self.share > 0.0 && steps >= FIRST && LOOKS.get(self.looks as usize).is_some_and(|look| done >= *look)
-    }
+/// Whether it is time for the next look, after `looks` of them and `steps` steps of motion, which are the share `done` of all.
+pub(super) fn is_due(looks: u64, steps: u64, done: f64) -> bool {
+    steps >= FIRST && LOOKS.get(looks as usize).is_some_and(|look| done >= *look)
 }
 
 /// The times that are looked at, of those of photos.
 pub(super) fn times_of(photos: &[f32]) -> Vec<f32> {
-    let mut times = photos.to_vec();
-    times.sort_by(f32::total_cmp);
-    times.dedup();
+    let times = different_times(photos);
     let every = times.len().div_ceil(TIMES).max(1);
     times.into_iter().step_by(every).collect()
 }
@@ -59,7 +48,7 @@ impl Offsets {
     pub(super) fn see(&mut self, offsets: &[f32]) {
         self.times += 1.0;
         for (k, x) in offsets.iter().enumerate() {
-            // What is no number stays out of the sums of `min` and `max`: the mean tells of it.
+            // `min` and `max` pass over what is no number; the mean does not.
             self.low[k] = self.low[k].min(*x);
             self.high[k] = self.high[k].max(*x);
             self.sum[k] += x;
@@ -72,8 +61,17 @@ impl Offsets {
     }
 
     /// The mean of row `row` of Gaussian `i`.
-    pub(super) fn mean(&self, row: usize, i: usize) -> f32 {
+    fn mean(&self, row: usize, i: usize) -> f32 {
         self.sum[row * self.n + i] / self.times
+    }
+
+    /// The means of all rows of these Gaussians: `[rows][which]`.
+    pub(super) fn means(&self, which: &[usize]) -> Vec<f32> {
+        (0..self.rows()).flat_map(|row| which.iter().map(move |&i| self.mean(row, i))).collect()
+    }
+
+    fn rows(&self) -> usize {
+        self.sum.len() / self.n.max(1)
     }
 
     /// Whether Gaussian `i` of these, which is number `number` of `cloud`, rests: `fields` have these rows, the rest are no parameters of
@@ -86,7 +84,7 @@ impl Offsets {
         fields: &[(Field, Range<usize>)],
         share: f32,
     ) -> bool {
-        let rows = self.sum.len() / self.n.max(1);
+        let rows = self.rows();
         let is_finite = (0..rows).all(|row| self.mean(row, i).is_finite());
         let of = |field: Field| fields.iter().find(|(name, _)| *name == field).map_or(0..0, |(_, rows)| rows.clone());
         let length = |rows: Range<usize>| rows.map(|row| self.range(row, i).powi(2)).sum::<f32>().sqrt();
@@ -153,11 +151,10 @@ mod tests {
     }
 
     #[test]
-    fn it_is_looked_four_times_and_never_where_nothing_may_rest() {
-        let due = |share: f32, looks: u64, done: f64| Rest { share, looks }.is_due(done, FIRST);
-        assert!(!Rest { share: 0.1, looks: 0 }.is_due(1.0, FIRST - 1), "networks have hardly begun");
-        assert!(!due(0.1, 0, 0.19) && due(0.1, 0, 0.2) && !due(0.1, 1, 0.2) && due(0.1, 3, 1.0) && !due(0.1, 4, 1.0));
-        assert!(!due(0.0, 0, 1.0));
+    fn it_is_looked_four_times_and_not_before_networks_have_learnt() {
+        let due = |looks: u64, done: f64| is_due(looks, FIRST, done);
+        assert!(!due(0, 0.19) && due(0, 0.2) && !due(1, 0.2) && due(3, 1.0) && !due(4, 1.0) && !due(u64::MAX, 1.0));
+        assert!(!is_due(0, FIRST - 1, 1.0));
     }
 
     #[test]

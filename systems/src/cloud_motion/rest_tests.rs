@@ -19,7 +19,7 @@ fn with_row() -> CloudParameters {
     cloud
 }
 
-/// Networks and planes of noise, or of nothing, when so many steps are done.
+/// Networks and planes of noise, or of nothing, after `steps` steps.
 fn after(made: fn(MotionSettings, u64) -> DeformationField, motion_rest: f32, steps: u64) -> DeformationField {
     let mut field = made(MotionSettings { motion_rest, ..SETTINGS }, HORIZON);
     field.step(Simd::best(), steps - 1);

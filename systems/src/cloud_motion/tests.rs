@@ -62,7 +62,7 @@ fn field(settings: MotionSettings) -> DeformationField {
     field_in(settings, 100)
 }
 
-/// A field whose schedule has so many steps.
+/// The same, with a schedule of `horizon` steps.
 pub(super) fn field_in(settings: MotionSettings, horizon: u64) -> DeformationField {
     let bounds = Bounds { min: DVec3::new(-1.0, -1.5, -2.0), max: DVec3::new(1.0, 1.5, 2.0) };
     let cube = UnitBox::new(&bounds, &CloudFrame { centre: [0.0; 3], scale: 1.0 });
@@ -75,7 +75,7 @@ fn busy(settings: MotionSettings) -> DeformationField {
     busy_in(settings, 100)
 }
 
-/// The same, of a schedule of so many steps.
+/// The same, with a schedule of `horizon` steps.
 pub(super) fn busy_in(settings: MotionSettings, horizon: u64) -> DeformationField {
     let mut field = field_in(settings, horizon);
     let noise = |n: usize, stream: u64| -> Vec<f32> {

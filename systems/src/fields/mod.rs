@@ -40,7 +40,7 @@ pub(crate) use placing::{Placing, When};
 pub(crate) use plane_grid::{PlaneGridSettings, PlaneGridSource};
 pub(crate) use row_network::{NetworkParameters, RowNetwork};
 pub(crate) use time_hash::{TimeHashSettings, TimeHashSource};
-pub(crate) use view_times::{count_of_times, view_times};
+pub(crate) use view_times::{count_of_times, different_times, view_times};
 pub use voxels::VoxelSettings;
 
 use crate::schedule::Done;

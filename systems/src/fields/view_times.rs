@@ -12,12 +12,17 @@ pub(crate) fn view_times(data: &Dataset) -> Arc<[f32]> {
     times.into()
 }
 
-/// How many different times there are.
-pub(crate) fn count_of_times(times: &[f32]) -> u32 {
+/// The different ones of some times, in order.
+pub(crate) fn different_times(times: &[f32]) -> Vec<f32> {
     let mut times = times.to_vec();
     times.sort_unstable_by(f32::total_cmp);
     times.dedup();
-    times.len() as u32
+    times
+}
+
+/// How many different times there are.
+pub(crate) fn count_of_times(times: &[f32]) -> u32 {
+    different_times(times).len() as u32
 }
 
 /// Steps along the time where nothing else is asked for: half as many as there are times, at least two.

@@ -23,8 +23,8 @@ pub(super) struct ViewTiles {
     /// Number of its first tile among those of all views.
     first: usize,
     /// Tiles in a row, and rows.
-    pub(super) columns: u32,
-    pub(super) rows: u32,
+    columns: u32,
+    rows: u32,
     /// Side of a tile, pixels.
     pub(super) side: u32,
 }
@@ -35,7 +35,7 @@ impl ViewTiles {
     }
 
     /// Number of a tile among those of its photo.
-    pub(super) fn at(&self, column: u32, row: u32) -> usize {
+    fn at(&self, column: u32, row: u32) -> usize {
         (row * self.columns + column) as usize
     }
 
@@ -86,8 +86,8 @@ impl<const N: usize> Tiles<N> {
 
     /// The sums of each tile of a view.
     pub(super) fn of_view(&self, view: usize) -> std::slice::ChunksExact<'_, f32> {
-        let ViewTiles { first, .. } = self.views[view];
-        self.sums[first * N..][..self.views[view].count() * N].chunks_exact(N)
+        let tiles = self.views[view];
+        self.sums[tiles.first * N..][..tiles.count() * N].chunks_exact(N)
     }
 
     /// The sums of the tile of a pixel.
@@ -105,7 +105,7 @@ impl<const N: usize> Tiles<N> {
         [1, 2].into_iter().find(is_enough).unwrap_or(MOST)
     }
 
-    /// Blocks of so many tiles along a side as tiles of their own.
+    /// Blocks of `side` x `side` tiles, as tiles of their own.
     pub(super) fn in_blocks(&self, side: u32) -> Self {
         let blocks = |tiles: &ViewTiles| [tiles.columns.div_ceil(side), tiles.rows.div_ceil(side), tiles.side * side];
         let mut all = Self::of(self.views.iter().map(blocks));

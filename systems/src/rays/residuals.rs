@@ -191,7 +191,7 @@ fn moving_of(tiles: &[TileError], usual: f32) -> HashMap<[u32; 2], bool> {
     tiles.iter().map(|tile| (tile.place, moves(tile))).collect()
 }
 
-/// The tiles of a view that something is known of, by what is known of their blocks, of so many along a side.
+/// The tiles of a view that something is known of, by what is known of their blocks of `side` x `side`.
 fn tiles_of(tiles: ViewTiles, side: u32, blocks: &HashMap<[u32; 2], bool>) -> Vec<PhotoTile> {
     let of_tile = |place: [u32; 2]| {
         let moves = *blocks.get(&place.map(|at| at / side))?;

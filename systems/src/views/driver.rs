@@ -349,17 +349,11 @@ impl Views {
         }
         skipped.count(all, seen, &outcome.drawn);
         bad += appearance.as_deref_mut().map_or(0, |part| part.step(self.simd, position));
-        if let Some(motion) = motion {
-            bad += motion.step(self.simd, position);
-            for (index, cloud) in clouds.iter_mut().enumerate() {
-                let [resting, of] = [motion.at_rest(index, &cloud.parameters), cloud.parameters.len()];
-                skipped.resting = [skipped.resting[0] + resting as u64, skipped.resting[1] + of as u64];
-                motion.settle(index, &mut cloud.parameters);
-            }
-        }
+        bad += motion.as_deref_mut().map_or(0, |part| part.step(self.simd, position));
         self.note(&skipped);
         self.guard.record(bad)?;
         self.seconds[PARTS.len()] += clock.elapsed().as_secs_f64();
+        self.settle();
         Ok(StepStats {
             loss: outcome.loss + cost,
             mse: outcome.mse,
@@ -367,6 +361,21 @@ impl Views {
             nonfinite: bad as u64,
             ..StepStats::default()
         })
+    }
+
+    /// What moves is asked of fewer Gaussians, when it is time for that.
+    fn settle(&mut self) {
+        let clock = Instant::now();
+        let ViewParts { clouds, motion, .. } = &mut self.parts;
+        let Some(motion) = motion else { return };
+        let mut skipped = Skipped::default();
+        for (index, cloud) in clouds.iter_mut().enumerate() {
+            skipped.resting[0] += motion.at_rest(index, &cloud.parameters) as u64;
+            skipped.resting[1] += cloud.parameters.len() as u64;
+            motion.settle(index, &mut cloud.parameters);
+        }
+        self.note(&skipped);
+        self.seconds[PARTS.len() + 2] += clock.elapsed().as_secs_f64();
     }
 
     /// Gaussians come and go, and what belongs to them with them.
