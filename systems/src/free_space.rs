@@ -34,9 +34,15 @@ pub(crate) enum AlsoFree {
 }
 
 /// What a plan says where points say what is free; `None` without points.
-pub(crate) fn free_space_line(data: &Dataset) -> Option<String> {
+pub(crate) fn free_space_line(data: &Dataset, also: AlsoFree) -> Option<String> {
     let lines: usize = data.views().iter().filter(|v| v.level == 0).map(|v| v.points.len()).sum();
-    (lines > 0).then(|| format!("free space: what lies before points is empty ({lines} lines from cameras to points)"))
+    let rest = match also {
+        AlsoFree::BeforePoints => "what lies in a photo before all of its points",
+        AlsoFree::WhereOthersStood => "what one photo alone shows where others were taken",
+    };
+    (lines > 0).then(|| {
+        format!("free space: what lies before points is empty ({lines} lines from cameras to points), and {rest}")
+    })
 }
 
 /// Which cells of the grid are free; all false without points.

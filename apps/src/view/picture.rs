@@ -5,7 +5,7 @@ use super::out::Out;
 use super::pace::{Pace, scaled};
 use super::protocol::{Draw, LARGEST_PICTURE, Layer};
 use super::scene::Scene3d;
-use super::turn::{SMALL, turn};
+use super::turn::{GoOn, SMALL, turn};
 use engine::flow::{Shot, coloured as flow_picture, flow_in_place, full_length};
 use engine::memory::frames as frame_memory;
 use engine::picture::{self, png_bytes};
@@ -69,17 +69,19 @@ impl Painter {
         draw: &Draw,
         size: Size,
         quality: Quality,
-        go_on: &dyn Fn() -> bool,
+        go_on: GoOn<'_>,
     ) -> Result<Option<Vec<u8>>, String> {
-        let Some(_turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
-        let clock = Instant::now();
-        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
-        fits(size, &query)?;
-        let Some(view) = scene.draw(&camera, &query, &mut |_| go_on()) else { return Ok(None) };
-        let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
-        let message = self.message(scene, draw, &picture, quality, Drawer::Scene, clock)?;
-        self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
-        Ok(Some(message))
+        let Some(turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
+        turn.work(|| {
+            let clock = Instant::now();
+            let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+            fits(size, &query)?;
+            let Some(view) = scene.draw(&camera, &query, &mut |_| go_on()) else { return Ok(None) };
+            let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
+            let message = self.message(scene, draw, &picture, quality, Drawer::Scene, clock)?;
+            self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
+            Ok(Some(message))
+        })
     }
 
     /// A picture of the cloud that stands for the scene; `None` when `go_on` said no.
@@ -93,17 +95,19 @@ impl Painter {
         draw: &Draw,
         size: Size,
         quality: Quality,
-        go_on: &dyn Fn() -> bool,
+        go_on: GoOn<'_>,
     ) -> Result<Option<Sketch>, String> {
-        let Some(_turn) = turn(size, Drawer::Cloud, go_on) else { return Ok(None) };
-        let clock = Instant::now();
-        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
-        fits(size, &query)?;
-        let view = cloud.render(&camera, &query).map_err(|e| e.to_string())?;
-        let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
-        let message = self.message(scene, draw, &picture, quality, Drawer::Cloud, clock)?;
-        self.pace(draw, Drawer::Cloud).measured(size, clock.elapsed().as_secs_f64());
-        Ok(Some(Sketch { picture, message }))
+        let Some(turn) = turn(size, Drawer::Cloud, go_on) else { return Ok(None) };
+        turn.work(|| {
+            let clock = Instant::now();
+            let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+            fits(size, &query)?;
+            let view = cloud.render(&camera, &query).map_err(|e| e.to_string())?;
+            let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
+            let message = self.message(scene, draw, &picture, quality, Drawer::Cloud, clock)?;
+            self.pace(draw, Drawer::Cloud).measured(size, clock.elapsed().as_secs_f64());
+            Ok(Some(Sketch { picture, message }))
+        })
     }
 
     /// The best picture of the scene itself, drawn over one of the cloud: what is not finished is offered to `out` now and then.
@@ -115,37 +119,45 @@ impl Painter {
         &mut self,
         scene: &dyn Scene3d,
         draw: &Draw,
-        below: &RgbImage,
-        go_on: &dyn Fn() -> bool,
+        below: RgbImage,
+        go_on: GoOn<'_>,
         out: &Out,
     ) -> Result<Option<Vec<u8>>, String> {
         let size = draw.full_size();
-        let Some(_turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
-        let clock = Instant::now();
-        let (camera, query) = (draw.eye.camera(size), query(scene, draw));
-        fits(size, &query)?;
-        let mut sent = Instant::now();
-        let (depths, range) = (self.depths, self.range(draw.layer));
-        let mut part = |layers: &Layers| {
-            let rows = (layers.rgb.len() / size.width.max(1) as usize) as u32;
-            if rows > 0 && rows < size.height && sent.elapsed() >= PART_EVERY && out.has_room() {
-                let view = Rendered { width: size.width, height: rows, layers: layers.clone() };
-                let mut picture = below.clone();
-                image::imageops::replace(&mut picture, &coloured(scene, draw.layer, &view, depths), 0, 0);
-                let seconds = clock.elapsed().as_secs_f64();
-                let kind = Kind { range, quality: Quality::Better, drawer: Drawer::Both };
-                let header = header(scene, draw, kind, &picture, seconds);
-                sent = Instant::now();
-                if !jpeg_bytes(&picture).is_ok_and(|file| out.offer(header.before(&file))) {
-                    return false;
+        let Some(turn) = turn(size, Drawer::Scene, go_on) else { return Ok(None) };
+        turn.work(|| {
+            let clock = Instant::now();
+            let (camera, query) = (draw.eye.camera(size), query(scene, draw));
+            fits(size, &query)?;
+            let mut sent = Instant::now();
+            let (depths, range) = (self.depths, self.range(draw.layer));
+            // The picture as far as it is shown: `shown` rows of the scene, then what lies below. Rows are coloured once.
+            let (mut picture, mut shown) = (below, 0);
+            let mut part = |layers: &Layers| {
+                let width = size.width.max(1) as usize;
+                let rows = (layers.rgb.len() / width) as u32;
+                if rows > shown && rows < size.height && sent.elapsed() >= PART_EVERY && out.has_room() {
+                    let layers = layers.since(shown as usize * width);
+                    let view = Rendered { width: size.width, height: rows - shown, layers };
+                    let news = coloured(scene, draw.layer, &view, depths);
+                    image::imageops::replace(&mut picture, &news, 0, i64::from(shown));
+                    shown = rows;
+                    let seconds = clock.elapsed().as_secs_f64();
+                    let kind = Kind { range, quality: Quality::Better, drawer: Drawer::Both };
+                    let header = header(scene, draw, kind, &picture, seconds);
+                    sent = Instant::now();
+                    if !jpeg_bytes(&picture).is_ok_and(|file| out.offer(header.before(&file))) {
+                        return false;
+                    }
                 }
-            }
-            go_on()
-        };
-        let Some(view) = scene.draw(&camera, &query, &mut part) else { return Ok(None) };
-        let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
-        self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
-        self.message(scene, draw, &picture, Quality::Full, Drawer::Scene, clock).map(Some)
+                go_on()
+            };
+            let Some(view) = scene.draw(&camera, &query, &mut part) else { return Ok(None) };
+            drop(picture);
+            let Some(picture) = self.coloured(scene, draw, &camera, &view, go_on)? else { return Ok(None) };
+            self.pace(draw, Drawer::Scene).measured(size, clock.elapsed().as_secs_f64());
+            self.message(scene, draw, &picture, Quality::Full, Drawer::Scene, clock).map(Some)
+        })
     }
 
     fn message(
@@ -182,7 +194,7 @@ impl Painter {
         draw: &Draw,
         camera: &Camera,
         view: &Rendered,
-        go_on: &dyn Fn() -> bool,
+        go_on: GoOn<'_>,
     ) -> Result<Option<RgbImage>, String> {
         match draw.layer {
             Layer::Flow => {

@@ -257,7 +257,7 @@ fn in_bands(
     go_on: &mut dyn FnMut(&Layers) -> bool,
 ) -> Option<Rendered> {
     let (width, height) = (camera.width, camera.height);
-    let mut layers = Layers::nothing(0, query);
+    let mut layers = Layers::with_room(width as usize * height as usize, query);
     let (mut row, mut rows) = (0, (1024 / width.max(1)).clamp(1, height));
     while row < height {
         if !go_on(&layers) {

@@ -256,7 +256,7 @@ fn draw_cloud(
         return Ok(false);
     }
     if !is_cropped {
-        let best = painter.paint_over(scene, draw, &sharp.picture, &|| desk.is_newest(number), out)?;
+        let best = painter.paint_over(scene, draw, sharp.picture, &|| desk.is_newest(number), out)?;
         match best {
             None => return Ok(true),
             Some(file) => {

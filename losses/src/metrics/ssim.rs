@@ -11,9 +11,9 @@ use core::fmt;
 use float_core::m64;
 
 /// `(K1 * peak)^2`, `K1 = 0.01`: keeps the luminance term finite on black.
-pub(crate) const C1: f64 = 0.01 * 0.01;
+pub const C1: f64 = 0.01 * 0.01;
 /// `(K2 * peak)^2`, `K2 = 0.03`: keeps the structure term finite on flat areas.
-pub(crate) const C2: f64 = 0.03 * 0.03;
+pub const C2: f64 = 0.03 * 0.03;
 /// Width of the Gaussian, pixels.
 const SIGMA: f64 = 1.5;
 
@@ -101,7 +101,8 @@ impl Window {
     }
 
     /// The one-dimensional Gaussian; its sum is 1.
-    pub(super) fn taps(self) -> Vec<f64> {
+    #[must_use]
+    pub fn taps(self) -> Vec<f64> {
         let centre = (self.side() / 2) as f64;
         let raw = |i: usize| m64::exp(-0.5 * m64::powi((i as f64 - centre) / SIGMA, 2));
         let total: f64 = (0..self.side()).map(raw).sum();

@@ -3,7 +3,7 @@
 
 use super::coherence::Coherence;
 use super::decoder::{Decoder, DecoderScratch, PackedGradients};
-use super::rest::{Offsets, is_due, times_of};
+use super::rest::is_due;
 use super::settings::MotionSettings;
 use super::unit_box::UnitBox;
 use crate::buffers::sized;
@@ -19,7 +19,7 @@ use splat_core::{Field, Gaussians};
 use std::ops::Range;
 
 /// Gaussians per task.
-const CHUNK: usize = 1024;
+pub(super) const CHUNK: usize = 1024;
 /// Name of the steps that are done in checkpoints, and that of the features.
 const DONE: &str = "motion.done";
 const FEATURES: &str = "motion.features";
@@ -30,14 +30,14 @@ const STREAM: u64 = 0x6d6f_7469_6f6e;
 
 /// What moves one cloud of a picture.
 pub(crate) struct DeformationField {
-    settings: MotionSettings,
+    pub(super) settings: MotionSettings,
     /// Steps of the schedule.
     horizon: u64,
     /// The number of the cloud that it moves.
     cloud: usize,
     cube: UnitBox,
-    features: Box<dyn Features>,
-    decoder: Decoder,
+    pub(super) features: Box<dyn Features>,
+    pub(super) decoder: Decoder,
     simd: Simd,
     /// Steps of the schedule that are done.
     done: u64,
@@ -61,7 +61,7 @@ struct Held {
 
 /// Buffers of a chunk.
 #[derive(Default)]
-struct Scratch {
+pub(super) struct Scratch {
     features: Vec<f32>,
     features_bar: Vec<f32>,
     raw: Vec<f32>,
@@ -69,9 +69,9 @@ struct Scratch {
 }
 
 /// Gaussians of a chunk: where they are in the unit cube, and when.
-struct Chunk {
+pub(super) struct Chunk {
     x: Vec<f32>,
-    times: Vec<f32>,
+    pub(super) times: Vec<f32>,
 }
 
 impl Chunk {
@@ -153,32 +153,8 @@ impl DeformationField {
         cloud == self.cloud && self.done >= self.begin()
     }
 
-    /// Whether Gaussians may rest.
-    fn may_rest(&self) -> bool {
-        self.settings.rows_at_rest() > 0
-    }
-
-    /// Where the row of a cloud of `n` Gaussians lies that says which of them rest: 1, others 0.
-    fn rest_row(&self, n: usize) -> Range<usize> {
-        let first = self.decoder.extra().len() * n;
-        first..first + n
-    }
-
-    /// That row; nothing where none may rest.
-    fn resting<'a>(&self, cloud: &'a CloudParameters) -> &'a [f32] {
-        let row = if self.may_rest() { cloud.extra.get(self.rest_row(cloud.len())) } else { None };
-        row.unwrap_or_default()
-    }
-
-    /// The Gaussians that are asked where they are.
-    fn asked(&self, cloud: &CloudParameters) -> Vec<u32> {
-        let resting = self.resting(cloud);
-        let rests = |i: &u32| resting.get(*i as usize).is_some_and(|rests| *rests > 0.0);
-        (0..cloud.len() as u32).filter(|i| !rests(i)).collect()
-    }
-
     /// Add offsets `[rows][which]` to Gaussians `which` of a cloud.
-    fn add(&self, cloud: &mut CloudParameters, which: &[u32], offsets: &[f32]) {
+    pub(super) fn add(&self, cloud: &mut CloudParameters, which: &[u32], offsets: &[f32]) {
         let n = cloud.len().max(1);
         let add = |rows: Range<usize>, values: &mut [f32]| {
             for (row, values) in rows.zip(values.chunks_exact_mut(n)) {
@@ -194,19 +170,8 @@ impl DeformationField {
         add(self.decoder.extra(), &mut cloud.extra);
     }
 
-    /// How the offsets of Gaussians `rows` differ over the film.
-    fn over_time(&self, cloud: &Gaussians, rows: &[u32], times: &[f32], scratch: &mut Scratch) -> Offsets {
-        let mut all = Offsets::new(self.decoder.rows(), rows.len());
-        let mut chunk = self.chunk(cloud, rows, 0.0);
-        for time in times {
-            chunk.times.fill(*time);
-            all.see(&self.offsets(&chunk, scratch));
-        }
-        all
-    }
-
     /// Gaussians `rows` of a cloud at a time.
-    fn chunk(&self, cloud: &Gaussians, rows: &[u32], time: f64) -> Chunk {
+    pub(super) fn chunk(&self, cloud: &Gaussians, rows: &[u32], time: f64) -> Chunk {
         let n = cloud.len();
         let along = |axis: usize| {
             let mean = &cloud.mean[axis * n..][..n];
@@ -218,7 +183,7 @@ impl DeformationField {
     }
 
     /// Offsets `[rows][n]` of the Gaussians of a chunk.
-    fn offsets(&self, chunk: &Chunk, scratch: &mut Scratch) -> Vec<f32> {
+    pub(super) fn offsets(&self, chunk: &Chunk, scratch: &mut Scratch) -> Vec<f32> {
         let n = chunk.times.len();
         let Scratch { features: buffer, raw, networks, .. } = scratch;
         let features = sized(buffer, self.features.rows() * n);
@@ -345,30 +310,9 @@ impl CloudMotion for DeformationField {
 
     fn settle(&mut self, index: usize, canonical: &mut CloudParameters) {
         let steps = self.done.saturating_sub(self.begin());
-        if !self.may_rest() || !self.moves(index) || !is_due(self.looks, steps, self.share(self.done)) {
-            return;
-        }
-        self.looks += 1;
-        let times = times_of(self.features.view_times());
-        if times.is_empty() || self.resting(canonical).is_empty() {
-            return;
-        }
-        let asked = self.asked(canonical);
-        let fields: Vec<(Field, Range<usize>)> = self.decoder.fields().collect();
-        let found: Vec<(Vec<u32>, Vec<f32>)> = asked
-            .par_chunks(CHUNK)
-            .map_init(Scratch::default, |scratch, rows| {
-                let (cloud, share) = (&canonical.gaussians, self.settings.motion_rest);
-                let offsets = self.over_time(cloud, rows, &times, scratch);
-                let rests = |k: &usize| offsets.rests(*k, cloud, rows[*k] as usize, &fields, share);
-                let resting: Vec<usize> = (0..rows.len()).filter(rests).collect();
-                (resting.iter().map(|k| rows[*k]).collect(), offsets.means(&resting))
-            })
-            .collect();
-        let row = self.rest_row(canonical.len());
-        for (resting, means) in found {
-            self.add(canonical, &resting, &means);
-            resting.iter().for_each(|&i| canonical.extra[row.start + i as usize] = 1.0);
+        if self.may_rest() && self.moves(index) && is_due(self.looks, steps, self.share(self.done)) {
+            self.looks += 1;
+            self.look(canonical);
         }
     }
 

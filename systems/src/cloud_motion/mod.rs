@@ -5,7 +5,7 @@
 //! | settings | `settings` |
 //! | where features are: a box of the frame of training | `unit_box` |
 //! | neighbours move alike | `coherence` |
-//! | what stands still is not asked | `rest` |
+//! | what stands still is not asked: when it does, and the looks that find it | `rest`, `look` |
 //! | networks that turn features into offsets of parameters | `decoder` |
 //! | the motion of a cloud, forward and backward, and its optimisers | `deformation_field` |
 //!
@@ -15,6 +15,7 @@
 mod coherence;
 mod decoder;
 mod deformation_field;
+mod look;
 mod rest;
 #[cfg(test)]
 mod rest_tests;

@@ -12,12 +12,12 @@
 //! Wang et al., "Multiscale structural similarity for image quality assessment", 2003, equations 5 to 7; as WildGaussians has it: exponents of 1,
 //! sizes halved while both sides are above 80 pixels, maps interpolated.
 
+use losses::metrics::{self, Window};
 use rayon::prelude::*;
 
-const C1: f32 = 1e-4;
-const C2: f32 = 9e-4;
-const DEVIATION: f32 = 1.5;
-const REACH: usize = 5;
+const C1: f32 = metrics::C1 as f32;
+const C2: f32 = metrics::C2 as f32;
+const REACH: usize = Window::Eleven.side() / 2;
 /// Both sides of a picture that is halved are longer than this.
 const SMALLEST: usize = 80;
 
@@ -102,14 +102,7 @@ impl Plane {
 
 /// Weights of the window along one axis.
 fn window() -> Vec<f32> {
-    let raw: Vec<f32> = (0..=2 * REACH)
-        .map(|k| {
-            let x = k as f32 - REACH as f32;
-            (-x * x / (2.0 * DEVIATION * DEVIATION)).exp()
-        })
-        .collect();
-    let sum: f32 = raw.iter().sum();
-    raw.iter().map(|x| x / sum).collect()
+    Window::Eleven.taps().into_iter().map(|tap| tap as f32).collect()
 }
 
 /// The luminance, and contrast times structure, of two planes of one size.

@@ -43,7 +43,7 @@ pub(crate) struct PlaneGridSettings {
     pub(crate) plane_times: u32,
     /// Factor of the variation of all planes along space.
     pub(crate) plane_variation: f32,
-    /// Factor of the second differences of planes of time along the time.
+    /// Factor of the second differences of planes of time along the time, the mean over these planes.
     pub(crate) plane_smoothness: f32,
     /// Factor of the distance of planes of time from 1.
     pub(crate) plane_transients: f32,

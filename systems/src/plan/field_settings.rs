@@ -4,7 +4,7 @@
 use super::ground::Ground;
 use super::near::set_near;
 use super::ngp_settings::{Shown, ngp_settings};
-use crate::free_space::free_space_line;
+use crate::free_space::{AlsoFree, free_space_line};
 use crate::rays::RayConfig;
 use crate::space::SpaceKind;
 use engine::data::Dataset;
@@ -21,7 +21,7 @@ pub(crate) fn field_settings(ground: &mut Ground, data: &Dataset) -> RayConfig {
     if sky {
         ground.lines.push("sky: every ray ends at infinity, in a colour of its direction".into());
     }
-    let free_space = free_space_line(data);
+    let free_space = free_space_line(data, AlsoFree::BeforePoints);
     if let Some(occupancy) = config.occupancy_mut() {
         (occupancy.sky, occupancy.free_space) = (sky, free_space.is_some());
     }

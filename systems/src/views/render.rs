@@ -58,6 +58,10 @@ pub(super) struct Buffers {
     medians: Vec<f32>,
 }
 
+/// Pixels of the largest picture whose buffers are kept: those of a larger one take hundreds of megabytes, and far less time to make than
+/// the picture does.
+const MOST_KEPT: usize = 1 << 21;
+
 /// Buffers that one picture leaves to the next.
 #[derive(Debug, Default)]
 pub(crate) struct RenderBuffers(Mutex<Vec<Buffers>>);
@@ -68,6 +72,10 @@ impl RenderBuffers {
     }
 
     fn give(&self, buffers: Buffers) {
+        // Whoever draws for several pages would keep them once for each.
+        if buffers.planes.capacity() > (FEATURES + 1) * MOST_KEPT {
+            return;
+        }
         if let Ok(mut kept) = self.0.lock() {
             kept.truncate(1);
             kept.push(buffers);

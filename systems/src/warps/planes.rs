@@ -51,7 +51,7 @@ pub(crate) struct PlaneSettings {
     /// Factor of the variation of their features in space; 0: none.
     #[serde(rename = "plane_tv")]
     pub(crate) variation: f32,
-    /// Factor of their second differences in time: what changes steadily costs nothing; 0: none.
+    /// Factor of their second differences in time, summed over planes: what changes steadily costs nothing; 0: none.
     #[serde(rename = "plane_smoothness")]
     pub(crate) smoothness: f32,
 }

@@ -7,7 +7,7 @@ use super::start::{AskedStart, FieldBefore, Seeing, StartConfig, StartKind, fiel
 use crate::claims::Claim;
 use crate::cloud_motion::{DeformationField, MotionParts, MotionSettings, UnitBox};
 use crate::fields::{FeatureSource, view_times};
-use crate::free_space::free_space_line;
+use crate::free_space::{AlsoFree, free_space_line};
 use crate::layout::Layout;
 use crate::plan::{Ask, Built, CloudPace, DepthUse, FieldShare, Ground, check_still_camera, has_alpha};
 use crate::proxy::ProxyTerms;
@@ -268,7 +268,7 @@ impl Planned {
         }
         lines.push(format!("schedule: of {horizon} steps"));
         // What moves is where another photo sees through.
-        let free_space = if moves { None } else { free_space_line(data) };
+        let free_space = if moves { None } else { free_space_line(data, AlsoFree::WhereOthersStood) };
         let schedule = recipe.density.schedule;
         let (photo_times, times) = times_of(recipe, data);
         Ok(Self {
