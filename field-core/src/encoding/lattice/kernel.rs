@@ -57,13 +57,20 @@ pub(crate) fn block<const N: usize>(rows: &[&[f32]; N], at: usize) -> [Lanes; N]
     let mut out = [[0.0; BLOCK]; N];
     for (out, row) in out.iter_mut().zip(rows) {
         let row = &row[at..];
-        if let Some(full) = row.first_chunk::<BLOCK>() {
-            *out = *full;
-        } else {
-            out[..row.len()].copy_from_slice(row);
+        match row.first_chunk::<BLOCK>() {
+            Some(full) => *out = *full,
+            None => copy_short(row, &mut out[..row.len()]),
         }
     }
     out
+}
+
+/// Copy less than a block. Out of line: else this and the copy of a whole block become one call that copies as many as there are, for each
+/// row of each block.
+#[cold]
+#[inline(never)]
+fn copy_short(from: &[f32], to: &mut [f32]) {
+    to.copy_from_slice(from);
 }
 
 /// Ask for the cache line of `p`. Any address will do.
@@ -226,11 +233,10 @@ pub(crate) fn touch_block<const F: usize, const C: usize>(
 pub(crate) fn write_block<const F: usize>(rows: &mut [&mut [f32]; F], at: usize, out: &[Lanes; F]) {
     for (row, out) in rows.iter_mut().zip(out) {
         let row = &mut row[at..];
-        if let Some(full) = row.first_chunk_mut::<BLOCK>() {
-            *full = *out;
-        } else {
-            let len = row.len();
-            row.copy_from_slice(&out[..len]);
+        let len = row.len();
+        match row.first_chunk_mut::<BLOCK>() {
+            Some(full) => *full = *out,
+            None => copy_short(&out[..len], row),
         }
     }
 }
