@@ -11,7 +11,7 @@
 //! Source: Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, equation 10; Wang et al.,
 //! "DeGauss", 2025, equation 2, which calls its standard deviations variances.
 
-use crate::metrics::window_taps;
+use crate::metrics::Window;
 use crate::{LossError, error::same};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -48,7 +48,7 @@ impl Pictures<'_> {
     /// The window's mean at every pixel of a plane; its own transpose.
     fn filtered(&self, plane: &[f64]) -> Vec<f64> {
         let [w, h] = self.size;
-        let taps = window_taps();
+        let taps = Window::Eleven.taps();
         let reach = taps.len() / 2;
         let along = |from: &[f64], count: usize, at: usize, stride: usize, first: usize| -> f64 {
             let range = at.saturating_sub(reach)..(at + reach + 1).min(count);
@@ -160,7 +160,7 @@ mod tests {
 
     /// The definition, window by window, in `f64`.
     fn twin(x: &[f64], y: &[f64], weights: &[f32]) -> f64 {
-        let (taps, [w, h]) = (window_taps(), SIZE);
+        let (taps, [w, h]) = (Window::Eleven.taps(), SIZE);
         let mut sum = 0.0;
         for (x, y) in x.chunks_exact(w * h).zip(y.chunks_exact(w * h)) {
             for (i, weight) in weights.iter().enumerate() {

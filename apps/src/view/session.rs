@@ -170,11 +170,12 @@ fn draw_all(
 ) -> Result<bool, String> {
     if draw.layer.is_of_photo() {
         // A mask is drawn at the size of its photo, whatever that is; the photo itself is only decoded.
-        let turn = (draw.layer != Layer::Photo).then(|| large_turn(Drawer::Scene, &|| desk.is_newest(number)));
-        if let Some(None) = turn {
-            return Ok(true);
-        }
-        let file = picture::photo(scene, draw)?;
+        let file = if draw.layer == Layer::Photo {
+            picture::photo(scene, draw)?
+        } else {
+            let Some(turn) = large_turn(Drawer::Scene, &|| desk.is_newest(number)) else { return Ok(true) };
+            turn.work(|| picture::photo(scene, draw))?
+        };
         desk.met(number);
         return Ok(out.send(file));
     }

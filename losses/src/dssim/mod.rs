@@ -34,7 +34,7 @@ mod scratch;
 
 pub use pair::{Pair, Target};
 
-use crate::metrics::window_taps;
+use crate::metrics::Window;
 use crate::{LossError, error::same};
 use alloc::vec::Vec;
 use float_core::Simd;
@@ -68,7 +68,7 @@ impl Dssim {
     #[must_use]
     pub fn new(simd: Simd) -> Self {
         let mut taps = [0.0; TAPS];
-        for (tap, exact) in taps.iter_mut().zip(window_taps()) {
+        for (tap, exact) in taps.iter_mut().zip(Window::Eleven.taps()) {
             *tap = exact as f32;
         }
         Self { simd, taps, pool: Vec::new(), sums: Vec::new() }

@@ -35,5 +35,4 @@ pub use masked::{MaskedSsim, masked_mse, masked_psnr, masked_ssim};
 pub use ms_ssim::{MS_SSIM_MIN_SIDE, MS_SSIM_WEIGHTS, ms_ssim};
 pub use psnr::{mse, psnr, psnr_of_mse};
 pub use segmentation::{Average, Confusion, EmptyClass, SegmentationScores, segmentation};
-pub(crate) use ssim::window_taps;
 pub use ssim::{Border, C1, C2, Clamp, SsimVariant, Window, ssim};

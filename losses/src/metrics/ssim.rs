@@ -17,11 +17,6 @@ pub const C2: f64 = 0.03 * 0.03;
 /// Width of the Gaussian, pixels.
 const SIGMA: f64 = 1.5;
 
-/// The one-dimensional window of 11 pixels.
-pub(crate) fn window_taps() -> Vec<f64> {
-    Window::Eleven.taps()
-}
-
 /// Size of the Gaussian window; its width is 1.5 pixels in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Window {

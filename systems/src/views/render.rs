@@ -58,8 +58,8 @@ pub(super) struct Buffers {
     medians: Vec<f32>,
 }
 
-/// Pixels of the largest picture whose buffers are kept: those of a larger one take hundreds of megabytes, and far less time to make than
-/// the picture does.
+/// Pixels of the largest picture whose buffers are kept, two of them where several are drawn at once: those of a larger one take hundreds
+/// of megabytes, and far less time to make than the picture does.
 const MOST_KEPT: usize = 1 << 21;
 
 /// Buffers that one picture leaves to the next.
@@ -72,7 +72,6 @@ impl RenderBuffers {
     }
 
     fn give(&self, buffers: Buffers) {
-        // Whoever draws for several pages would keep them once for each.
         if buffers.planes.capacity() > (FEATURES + 1) * MOST_KEPT {
             return;
         }
